@@ -1,0 +1,79 @@
+"""The files between stages: schema, atomic write, verify, lineage, video.
+
+Public names load on first use, so importing this package costs nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from artifacts.checkpoint import checkpoint_path, read_checkpoint, remove_checkpoint, write_checkpoint
+    from artifacts.errors import ArtifactError, IfoError, Interrupted, PlatformError, UsageError
+    from artifacts.paths import default_path, sha256_of, sibling, stem_of
+    from artifacts.schema import COMMANDS, KINDS, DatasetSpec, KindSpec, Manifest, Parent
+    from artifacts.store import Artifact, VerifyReport, read_artifact, verify_artifact, write_artifact
+    from artifacts.tree import pack, unpack
+    from artifacts.video import contact_sheet, read_mp4, read_png, tile_videos, write_mp4, write_png
+
+_MODULE_OF = {
+    name: module
+    for module, names in {
+        "checkpoint": ("checkpoint_path", "read_checkpoint", "remove_checkpoint", "write_checkpoint"),
+        "errors": ("ArtifactError", "IfoError", "Interrupted", "PlatformError", "UsageError"),
+        "schema": ("COMMANDS", "KINDS", "DatasetSpec", "KindSpec", "Manifest", "Parent"),
+        "paths": ("default_path", "sha256_of", "sibling", "stem_of"),
+        "store": ("Artifact", "VerifyReport", "read_artifact", "verify_artifact", "write_artifact"),
+        "tree": ("pack", "unpack"),
+        "video": ("contact_sheet", "read_mp4", "read_png", "tile_videos", "write_mp4", "write_png"),
+    }.items()
+    for name in names
+}
+
+__all__ = [
+    "COMMANDS",
+    "KINDS",
+    "Artifact",
+    "ArtifactError",
+    "DatasetSpec",
+    "IfoError",
+    "Interrupted",
+    "KindSpec",
+    "Manifest",
+    "Parent",
+    "PlatformError",
+    "UsageError",
+    "VerifyReport",
+    "checkpoint_path",
+    "contact_sheet",
+    "default_path",
+    "pack",
+    "read_artifact",
+    "read_checkpoint",
+    "read_mp4",
+    "read_png",
+    "remove_checkpoint",
+    "sha256_of",
+    "sibling",
+    "stem_of",
+    "tile_videos",
+    "unpack",
+    "verify_artifact",
+    "write_artifact",
+    "write_checkpoint",
+    "write_mp4",
+    "write_png",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'artifacts' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"artifacts.{_MODULE_OF[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,0 +1,185 @@
+"""How arrays lie in an HDF5 file, so that damage never goes unnoticed.
+
+Metadata: the 1.10 file format, whose headers and indices carry checksums. Data: chunked with
+fletcher32. Strings have fixed length, since HDF5 checksums no heap of variable strings.
+Two things cannot be chunked: a 0-d array is stored with one element and the attribute `scalar`,
+an array without elements has no data and is stored bare. Unicode is stored as UTF-8 with its
+width in the attribute `unicode`.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from artifacts.errors import ArtifactError
+
+if TYPE_CHECKING:
+    import h5py
+
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+END_OF_FILE_ADDRESS = 28  # where the superblock (version 3) keeps the length of the file
+STORABLE = "biufcSU"
+CHUNK_BYTES = 256 * 1024  # about one demonstration of 48x48: one can be read without its neighbours
+
+
+def chunk_shape(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
+    """Whole trailing axes as far as they fit in CHUNK_BYTES, cut evenly along the first that does not."""
+    room = max(1, CHUNK_BYTES // itemsize)
+    chunk = []
+    for length in reversed(shape):
+        pieces = math.ceil(length / min(length, room))
+        chunk.append(math.ceil(length / pieces))
+        room = max(1, room // length)
+    return tuple(reversed(chunk))
+
+
+def check_arrays(arrays: Mapping[str, np.ndarray]) -> None:
+    """Raise ArtifactError for names or types that the format cannot hold."""
+    for name, array in arrays.items():
+        parts = name.split("/")
+        if any(part in ("", ".", "..") or "\0" in part for part in parts):
+            raise ArtifactError(
+                f"dataset name {name!r} is not usable: expected parts joined by single slashes"
+            )
+        for i in range(1, len(parts)):
+            if "/".join(parts[:i]) in arrays:
+                raise ArtifactError(f"dataset {'/'.join(parts[:i])} cannot also be the group of {name}")
+        if array.dtype.kind not in STORABLE:
+            raise ArtifactError(
+                f"dataset {name} has type {array.dtype}: expected numbers, booleans or strings"
+            )
+
+
+def write_dataset(file: h5py.File, name: str, array: np.ndarray) -> None:
+    """Store one array, checksummed."""
+    attributes: dict[str, int] = {}
+    if array.dtype.kind == "U":
+        attributes["unicode"] = array.dtype.itemsize // 4
+        array = np.char.encode(array, "utf-8")
+    if array.dtype.itemsize == 0:
+        array = array.astype("S1")
+    if array.ndim == 0:
+        attributes["scalar"] = 1
+        array = np.asarray(array).reshape(1)
+    options: dict[str, Any] = {}
+    if array.size:
+        options = {"chunks": chunk_shape(array.shape, array.dtype.itemsize), "fletcher32": True}
+    dataset = file.create_dataset(name, data=array, **options)
+    for key, value in attributes.items():
+        dataset.attrs[key] = value
+
+
+def read_dataset(dataset: h5py.Dataset, selection: Any = ...) -> np.ndarray:
+    """Read all or a part of what `write_dataset` stored, with its type and shape."""
+    scalar = "scalar" in dataset.attrs
+    array = np.asarray(dataset[...] if scalar else dataset[selection])
+    if "unicode" in dataset.attrs:
+        array = np.asarray(np.char.decode(array, "utf-8")).astype(f"U{int(dataset.attrs['unicode'])}")
+    return np.asarray(array.reshape(())[selection]) if scalar else array
+
+
+def describe(dataset: h5py.Dataset) -> tuple[tuple[int, ...], np.dtype]:
+    """Return the shape and type that `read_dataset` will give."""
+    dtype = dataset.dtype
+    if "unicode" in dataset.attrs:
+        dtype = np.dtype(f"U{int(dataset.attrs['unicode'])}")
+    return (() if "scalar" in dataset.attrs else dataset.shape), dtype
+
+
+def dataset_names(file: h5py.File) -> list[str]:
+    """Names of all datasets, sorted; links that leave the file are not followed.
+
+    Raises:
+      ArtifactError: a dataset is not of numbers, booleans or fixed strings, or lies outside the file.
+    """
+    import h5py
+
+    names = []
+
+    def visit(name: str, item: Any) -> None:
+        if not isinstance(item, h5py.Dataset):
+            return
+        if item.dtype.kind not in STORABLE or item.external or item.is_virtual:
+            raise ArtifactError(f"dataset {name} is not stored as ifo stores arrays: do not trust this file")
+        names.append(name)
+
+    file.visititems(visit)
+    return sorted(names)
+
+
+def write_attributes(file: h5py.File, attributes: Mapping[str, int | str]) -> None:
+    import h5py
+
+    for name, value in attributes.items():
+        if isinstance(value, int):
+            file.attrs[name] = np.int64(value)
+        else:
+            text = value.encode("utf-8")
+            file.attrs.create(name, text, dtype=h5py.string_dtype("utf-8", max(1, len(text))))
+
+
+def read_attributes(file: h5py.File) -> dict[str, int | str]:
+    """Return the root attributes as int or str."""
+    attributes: dict[str, int | str] = {}
+    for name, value in file.attrs.items():
+        if isinstance(value, bytes):
+            value = value.decode("utf-8")
+        attributes[name] = value if isinstance(value, str) else int(value)
+    return attributes
+
+
+def room_for(arrays: Mapping[str, np.ndarray], attributes: Mapping[str, int | str]) -> int:
+    """Bytes that a file will surely not exceed."""
+    room = 1_000_000 + 8 * sum(len(str(value)) for value in attributes.values())
+    for name, array in arrays.items():
+        room += 4096 + 8 * len(name)
+        if array.size:
+            shape = array.shape or (1,)
+            chunk = chunk_shape(shape, array.dtype.itemsize or 1)
+            chunks = math.prod(math.ceil(n / c) for n, c in zip(shape, chunk, strict=True))
+            room += chunks * (math.prod(chunk) * (array.dtype.itemsize or 1) + 64)
+    return room
+
+
+def _reserve(path: Path, room: int) -> None:
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT, 0o666)
+    try:
+        os.posix_fallocate(descriptor, 0, room)
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def new_file(path: Path, room: int) -> Iterator[h5py.File]:
+    """Open a file for writing in the checksummed format, with `room` bytes set aside.
+
+    HDF5 brings the whole process down (SIGSEGV, then no message) when the disk fills up under it.
+    So the room is asked for beforehand, where a full disk is an ordinary OSError: once before HDF5
+    is there at all, once more because HDF5 empties the file that it creates.
+    """
+    import h5py
+
+    _reserve(path, room)
+    with h5py.File(path, "w", libver=("v110", "v110")) as file:
+        _reserve(path, room)
+        yield file
+        file.flush()
+    with open(path, "r+b") as raw:
+        raw.seek(END_OF_FILE_ADDRESS)
+        raw.truncate(int.from_bytes(raw.read(8), "little"))
+
+
+@contextmanager
+def open_file(path: Path) -> Iterator[h5py.File]:
+    """Open a file for reading, without a lock: artifacts are never changed in place."""
+    import h5py
+
+    with h5py.File(path, "r", locking=False) as file:
+        yield file

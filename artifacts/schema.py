@@ -1,0 +1,208 @@
+"""What an artifact is: its manifest, and the datasets that each kind must hold."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from artifacts.errors import ArtifactError
+
+DIGEST = "manifest_sha256"
+JSON_FIELDS = ("config", "parents", "environment")
+INT64 = range(-(2**63), 2**63)
+
+
+class Parent(BaseModel):
+    """A file that an artifact was made from; `path` is relative to the artifact's folder."""
+
+    model_config = ConfigDict(frozen=True)
+
+    kind: str
+    path: str
+    sha256: str
+
+
+class Manifest(BaseModel):
+    """Where an artifact comes from: the root attributes, the same for every kind."""
+
+    model_config = ConfigDict(frozen=True)
+
+    kind: str
+    schema_version: int
+    created: str
+    ifo_version: str
+    config: dict[str, Any]
+    seed: int
+    command: str
+    parents: list[Parent]
+    environment: dict[str, str]
+
+    def to_attributes(self) -> dict[str, int | str]:
+        """Return the HDF5 root attributes, a digest of all the others among them.
+
+        HDF5 keeps no checksum of a large attribute, hence the digest.
+        """
+        attributes: dict[str, int | str] = {}
+        for name, value in self.model_dump().items():
+            if name in JSON_FIELDS:
+                attributes[name] = json.dumps(value, default=_plain)
+            elif isinstance(value, int) and value not in INT64:
+                attributes[name] = str(value)
+            else:
+                attributes[name] = value
+        # What UTF-8 cannot hold (a file name in bytes of old) stays readable in the command.
+        attributes["command"] = self.command.encode("utf-8", "backslashreplace").decode("utf-8")
+        return {**attributes, DIGEST: attributes_digest(attributes)}
+
+    @classmethod
+    def from_fields(cls, fields: Mapping[str, Any]) -> Manifest:
+        """Check decoded fields; raises ArtifactError with the first problem, without the file's name."""
+        try:
+            return cls.model_validate(dict(fields))
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"])
+            raise ArtifactError(f"bad manifest: {where}: {first['msg']}") from error
+
+    @classmethod
+    def from_attributes(cls, attributes: Mapping[str, int | str]) -> Manifest:
+        """Inverse of `to_attributes`; the digest is not checked here."""
+        return cls.from_fields(decode_attributes(attributes))
+
+
+def attributes_digest(attributes: Mapping[str, int | str]) -> str:
+    """Return the sha256 of all attributes but the digest itself, whatever their names."""
+    rest = {name: value for name, value in attributes.items() if name != DIGEST}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
+
+
+def decode_attributes(attributes: Mapping[str, int | str]) -> dict[str, Any]:
+    """Return the manifest's fields as plain values, JSON decoded."""
+    fields: dict[str, Any] = {name: value for name, value in attributes.items() if name != DIGEST}
+    for name in JSON_FIELDS:
+        if isinstance(fields.get(name), str):
+            try:
+                fields[name] = json.loads(fields[name])
+            except ValueError as error:
+                raise ArtifactError(f"bad manifest: {name} is not JSON: was it written by ifo?") from error
+    return fields
+
+
+def _plain(value: Any) -> Any:
+    """Turn what configurations commonly hold into JSON values."""
+    if isinstance(value, PurePath):
+        return str(value)
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{value!r} ({type(value).__name__}) has no place in a configuration: use plain values")
+
+
+@dataclass(frozen=True)
+class DatasetSpec:
+    """Axes and types of a dataset.
+
+    Attributes:
+      axes: a name or a fixed length an axis; the same name means the same length
+        throughout the file. None: any shape.
+      dtypes: exact names ("uint8") or NumPy kinds ("f"). Empty: any.
+    """
+
+    axes: tuple[str | int, ...] | None = None
+    dtypes: tuple[str, ...] = ()
+
+    @property
+    def ndim(self) -> int | None:
+        return None if self.axes is None else len(self.axes)
+
+    def problem(self, shape: tuple[int, ...], dtype: np.dtype, lengths: dict[str, int]) -> str | None:
+        """Say in words why this array does not fit, or None; `lengths` gathers the named axes."""
+        if self.dtypes and dtype.name not in self.dtypes and dtype.kind not in self.dtypes:
+            return f"is {dtype.name}, expected {self}"
+        if self.axes is None:
+            return None
+        if len(shape) != len(self.axes):
+            return f"has shape {shape}, expected {self}"
+        for axis, length in zip(self.axes, shape, strict=True):
+            wanted = axis if isinstance(axis, int) else lengths.setdefault(axis, length)
+            if length != wanted:
+                return f"has shape {shape}, expected {self} with {axis} = {wanted}"
+        return None
+
+    def __str__(self) -> str:
+        names = {"f": "float", "uint8": "uint8"}
+        dtypes = " or ".join(names.get(dtype, dtype) for dtype in self.dtypes) or "any type"
+        return dtypes if self.axes is None else f"{dtypes} ({', '.join(map(str, self.axes))})"
+
+
+@dataclass(frozen=True)
+class KindSpec:
+    """What a kind of artifact must hold; anything more is welcome.
+
+    Attributes:
+      version: the schema version that is written, and the newest that is read.
+      datasets: required datasets; a name ending in `/*` means at least one under it.
+    """
+
+    version: int = 1
+    datasets: Mapping[str, DatasetSpec] = field(default_factory=dict)
+
+    def problem(self, found: Mapping[str, tuple[tuple[int, ...], np.dtype]]) -> str | None:
+        """Say in words what is missing or of another shape among name -> (shape, dtype), or None."""
+        lengths: dict[str, int] = {}
+        for wanted, spec in self.datasets.items():
+            if wanted.endswith("/*"):
+                names = [name for name in found if name.startswith(wanted[:-1])]
+            else:
+                names = [wanted] if wanted in found else []
+            if not names:
+                return f"dataset {wanted} is missing, expected {spec}"
+            for name in names:
+                problem = spec.problem(*found[name], lengths)
+                if problem:
+                    return f"dataset {name} {problem}"
+        return None
+
+
+_WEIGHTS = {"weights/*": DatasetSpec()}
+
+KINDS: dict[str, KindSpec] = {
+    "expert": KindSpec(1, _WEIGHTS),
+    "demos": KindSpec(
+        1,
+        {
+            "frames": DatasetSpec(("N", "T", "H", "W", 3), ("uint8",)),
+            "final_distance": DatasetSpec(("N",), ("f",)),
+        },
+    ),
+    "translator": KindSpec(1, _WEIGHTS),
+    "translation": KindSpec(
+        1,
+        {
+            "context_frame": DatasetSpec(("H", "W", 3), ("uint8",)),
+            "target_features": DatasetSpec(("T", "D"), ("f",)),
+            "target_images": DatasetSpec(("T", "H", "W", 3), ("uint8", "f")),
+        },
+    ),
+    "policy": KindSpec(1, _WEIGHTS),
+    "evaluation": KindSpec(1, {"final_distance": DatasetSpec(("R", "E"), ("f",))}),
+    "checkpoint": KindSpec(1),
+}
+
+# The command that writes each kind, for messages that say what to do.
+COMMANDS: dict[str, str] = {
+    "expert": "ifo train-expert",
+    "demos": "ifo collect-demos",
+    "translator": "ifo train-translator",
+    "translation": "ifo translate",
+    "policy": "ifo learn-policy",
+    "evaluation": "ifo evaluate",
+}

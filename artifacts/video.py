@@ -1,0 +1,198 @@
+"""Videos and pictures for people; arrays are the truth. Everything is RGB, uint8, channel last."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from artifacts.atomic import atomic_path, write_bytes
+from artifacts.errors import ArtifactError
+
+CRF = 12  # x264's constant rate factor: hard to tell from the original
+BACKGROUND = 255
+INK = (0, 0, 0)
+
+
+def upscale(frames: np.ndarray, factor: int) -> np.ndarray:
+    """Enlarge (..., H, W, C) by a whole number, nearest neighbour."""
+    return frames if factor == 1 else frames.repeat(factor, axis=-3).repeat(factor, axis=-2)
+
+
+def write_mp4(path: str | Path, frames: np.ndarray, fps: float = 10, min_height: int = 192) -> Path:
+    """Write (T, H, W, 3) uint8 as H.264, yuv420p, faststart, whole or not at all.
+
+    Frames are upscaled by a whole number until `min_height` pixels high, and padded to even
+    dimensions by repeating the last row or column.
+    """
+    import av
+
+    frames = _checked(frames, 4)
+    factor = max(1, math.ceil(min_height / frames.shape[1]))
+    height, width = frames.shape[1] * factor, frames.shape[2] * factor
+    padding = ((0, height % 2), (0, width % 2), (0, 0))
+    with atomic_path(path) as temporary:
+        options = {"movflags": "+faststart"}
+        with av.open(str(temporary), "w", format="mp4", options=options) as container:
+            stream = container.add_stream("libx264", rate=Fraction(fps).limit_denominator(1001))
+            stream.width, stream.height = width + width % 2, height + height % 2
+            stream.pix_fmt = "yuv420p"
+            stream.options = {"crf": str(CRF), "preset": "medium"}
+            for frame in frames:
+                picture = np.pad(upscale(frame, factor), padding, mode="edge")
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+            container.mux(stream.encode())
+    return Path(path)
+
+
+def read_mp4(path: str | Path) -> np.ndarray:
+    """Read a video (any that FFmpeg reads) as (T, H, W, 3) uint8.
+
+    Raises:
+      ArtifactError: missing, truncated, or not a video.
+    """
+    import av
+
+    frames: list[np.ndarray] = []
+    packets = 0
+    try:
+        with av.open(str(path)) as container:
+            stream = container.streams.video[0]
+            expected = stream.frames
+            for packet in container.demux(stream):
+                packets += packet.size > 0
+                if packet.is_corrupt:
+                    raise ArtifactError(f"{path}: the video is truncated or damaged: get the file again")
+                frames.extend(frame.to_ndarray(format="rgb24") for frame in packet.decode())
+    except (av.error.FFmpegError, OSError, IndexError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "no video in it"
+        raise ArtifactError(f"{path}: cannot be read as a video ({reason}): expected an MP4") from error
+    if packets < expected:
+        raise ArtifactError(f"{path}: holds {packets} of {expected} frames, truncated: get the file again")
+    if not frames:
+        raise ArtifactError(f"{path}: holds no frames: expected a video")
+    if len({frame.shape for frame in frames}) > 1:
+        raise ArtifactError(f"{path}: changes its frame size midway: convert it to one size first")
+    return np.stack(frames)
+
+
+def write_png(path: str | Path, image: np.ndarray) -> Path:
+    """Write (H, W, 3) uint8 RGB as PNG, whole or not at all."""
+    import cv2
+
+    image = _checked(image, 3)
+    _, data = cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))
+    return write_bytes(path, data.tobytes())
+
+
+def read_png(path: str | Path) -> np.ndarray:
+    """Read a picture (PNG, or JPEG) as (H, W, 3) uint8 RGB.
+
+    Raises:
+      ArtifactError: missing, or not a picture.
+    """
+    import cv2
+
+    try:
+        data = np.frombuffer(Path(path).read_bytes(), np.uint8)
+    except OSError as error:
+        raise ArtifactError(f"{path}: cannot be read ({error.strerror}): expected a PNG") from error
+    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    if image is None:
+        raise ArtifactError(f"{path}: cannot be read as a picture: expected a PNG")
+    return np.ascontiguousarray(image[..., ::-1])
+
+
+def tile_videos(
+    rows: Sequence[Sequence[np.ndarray]],
+    gap: int = 2,
+    labels: Sequence[str] | None = None,
+    scale: int = 4,
+) -> np.ndarray:
+    """Lay videos out in a grid, for comparing them side by side.
+
+    Args:
+      rows: rows of videos (T, H, W, 3) or stills (H, W, 3); a shorter video holds its last frame.
+        Rows may differ in length, cells in size.
+      gap: pixels between cells, in the output.
+      labels: one text a column, drawn above it and shrunk to fit.
+      scale: whole number that every cell is enlarged by, nearest neighbour.
+
+    Returns:
+      (T, H', W', 3) uint8, as long as the longest video.
+    """
+    cells = [[_checked(v if np.ndim(v) == 4 else np.asarray(v)[None], 4) for v in row] for row in rows]
+    if not any(cells):
+        raise ValueError("expected at least one video to tile")
+    columns = max(map(len, cells))
+    if labels is not None and len(labels) != columns:
+        raise ValueError(f"{len(labels)} labels for {columns} columns")
+    length = max(len(video) for row in cells for video in row)
+    heights = [scale * max((video.shape[1] for video in row), default=0) for row in cells]
+    widths = [scale * max(row[i].shape[2] for row in cells if i < len(row)) for i in range(columns)]
+    header = _header(labels, widths, gap) if labels is not None else None
+    top = 0 if header is None else header.shape[0] + gap
+    height = top + sum(heights) + gap * (len(cells) - 1)
+    canvas = np.full((length, height, sum(widths) + gap * (columns - 1), 3), BACKGROUND, np.uint8)
+    if header is not None:
+        canvas[:, : header.shape[0]] = header
+    for row, y in zip(cells, _offsets(heights, gap, top), strict=True):
+        for video, x in zip(row, _offsets(widths, gap), strict=False):
+            moments = np.minimum(np.arange(length), len(video) - 1)
+            h, w = video.shape[1] * scale, video.shape[2] * scale
+            canvas[:, y : y + h, x : x + w] = upscale(video, scale)[moments]
+    return canvas
+
+
+def contact_sheet(frames: np.ndarray, n: int = 20, moments: int = 5) -> np.ndarray:
+    """Show `n` evenly chosen videos, each as a strip of frames at evenly spaced times.
+
+    Args:
+      frames: (N, T, H, W, 3) uint8.
+      n: how many videos, at most.
+      moments: frames a video, the first and the last among them.
+
+    Returns:
+      An image (H', W', 3), strips in as many columns as make it about square.
+    """
+    frames = _checked(frames, 5)
+    videos = np.unique(np.linspace(0, len(frames) - 1, min(n, len(frames))).round().astype(int))
+    times = np.linspace(0, frames.shape[1] - 1, moments).round().astype(int)
+    strips = [list(frames[video][times]) for video in videos]
+    columns = max(1, round(math.sqrt(len(strips) / moments)))
+    depth = math.ceil(len(strips) / columns)
+    rows: list[list[np.ndarray]] = [
+        [cell for strip in strips[i::depth] for cell in strip] for i in range(depth)
+    ]
+    return tile_videos(rows, scale=2)[0]
+
+
+def _checked(frames: np.ndarray, ndim: int) -> np.ndarray:
+    frames = np.asarray(frames)
+    if frames.ndim != ndim or frames.shape[-1] != 3 or frames.dtype != np.uint8 or frames.size == 0:
+        raise ValueError(
+            f"expected {ndim} axes, the last of 3 colours, uint8; got {frames.shape} {frames.dtype}"
+        )
+    return frames
+
+
+def _offsets(sizes: Sequence[int], gap: int, start: int = 0) -> list[int]:
+    return [start + sum(sizes[:i]) + gap * i for i in range(len(sizes))]
+
+
+def _header(labels: Sequence[str], widths: Sequence[int], gap: int) -> np.ndarray:
+    """Draw one text above each column."""
+    import cv2
+
+    font, size, height = cv2.FONT_HERSHEY_SIMPLEX, 0.6, 24
+    header = np.full((height, sum(widths) + gap * (len(widths) - 1), 3), BACKGROUND, np.uint8)
+    for text, x, width in zip(labels, _offsets(widths, gap), widths, strict=True):
+        (drawn, _), _ = cv2.getTextSize(text, font, size, 1)
+        fitted = size * min(1.0, (width - 4) / max(drawn, 1))
+        (drawn, tall), _ = cv2.getTextSize(text, font, fitted, 1)
+        at = (x + (width - drawn) // 2, (height + tall) // 2)
+        cv2.putText(header, text, at, font, fitted, INK, 1, cv2.LINE_AA)
+    return header

@@ -1,0 +1,41 @@
+"""`ifo collect-demos`: film the expert in many contexts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ifo_cli.options import Given, TaskArgument, stage_command
+from ifo_cli.runner import check_task, run_stage
+
+STAGE = "collect-demos"
+EXAMPLES = (
+    "ifo collect-demos reach --preset quick",
+    "ifo collect-demos reach --preset paper --n 3000 --expert runs/reach.expert.h5",
+)
+
+
+@stage_command(STAGE)
+def collect_demos(
+    task: TaskArgument,
+    given: Given,
+    expert: Annotated[
+        Path | None,
+        typer.Option(metavar="PATH", help="Expert to film (default: one of the same preset is trained)."),
+    ] = None,
+) -> None:
+    """Film an expert doing a task, each video in a context of its own.
+
+    Viewpoint, colours, positions and distractors differ from video to video. Only frames are recorded for
+    learning: no actions, no states.
+    """
+    check_task(task)
+
+    def call(config: Any, run: Any, paths: list[Path]) -> Any:
+        from stages.collect_demos import collect_demos
+
+        return collect_demos(task, config, run, paths[0] if paths else None)
+
+    run_stage(STAGE, given, call, named=[expert] if expert else None)

@@ -1,0 +1,149 @@
+"""`ifo doctor`: does this machine have what the stages need?"""
+
+from __future__ import annotations
+
+import json
+import platform
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from typing import Annotated
+
+import typer
+
+from artifacts.errors import IfoError, PlatformError
+from ifo_cli.streams import emit, stdout_to_stderr
+
+EXAMPLES = (
+    "ifo doctor",
+    "ifo doctor --json",
+)
+OLDEST_PYTHON = (3, 11)
+MUJOCO_MAJOR = 3
+FEWEST_COLOURS = 4  # of a drawn frame; a driver that fails silently gives one
+REINSTALL = "install ifo again: pip install -e ."
+GL_MEND = "on Debian: apt-get install libegl1 libgl1-mesa-dri"
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line of the doctor's report; `mend` says what to do where `ok` is false."""
+
+    name: str
+    ok: bool
+    detail: str
+    mend: str = ""
+
+
+def doctor(
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object in place of lines.")] = False,
+) -> None:
+    """Check this machine: Python, torch, MuJoCo, video encoding, and one rendered frame.
+
+    Exit code 4 if anything is missing; each such line says how to mend it.
+    """
+    with stdout_to_stderr():
+        checks = [_run(name, examine, mend) for name, (examine, mend) in CHECKS.items()]
+    ok = all(check.ok for check in checks)
+    if as_json:
+        emit(json.dumps({"ok": ok, "checks": [asdict(check) for check in checks]}))
+    else:
+        for check in checks:
+            mend = f"; {check.mend}" if check.mend else ""
+            emit(f"{'ok  ' if check.ok else 'fail'} {check.name}: {check.detail}{mend}")
+    if not ok:
+        raise typer.Exit(PlatformError.exit_code)
+
+
+def _run(name: str, examine: Callable[[], str], mend: str) -> Check:
+    """Run one check. Whatever a broken library raises belongs in the report, so all exceptions are caught."""
+    try:
+        return Check(name, True, examine())
+    except IfoError as error:
+        return Check(name, False, str(error), "" if "apt" in str(error) else mend)
+    except Exception as error:
+        reason = " ".join(str(error).split())
+        return Check(name, False, f"{type(error).__name__}: {reason}" if reason else type(error).__name__, mend)
+
+
+def _python() -> str:
+    found = f"{platform.python_version()} on {platform.platform()}"
+    if sys.version_info[:2] < OLDEST_PYTHON:
+        raise PlatformError(f"{found}, expected at least {'.'.join(map(str, OLDEST_PYTHON))}")
+    return found
+
+
+def _torch() -> str:
+    import torch
+
+    device = torch.cuda.get_device_name(0) if torch.cuda.is_available() else "CPU"
+    return f"{torch.__version__} on {device}, {torch.get_num_threads()} threads"
+
+
+def _mujoco() -> str:
+    found = metadata.version("mujoco")
+    if int(found.split(".")[0]) != MUJOCO_MAJOR:
+        raise PlatformError(f"{found}, expected version {MUJOCO_MAJOR}.x, from 3.17 on")
+    from stages.simulation.gl import choose_backend
+
+    choose_backend()  # Importing mujoco settles the backend for good.
+    import mujoco.batch  # noqa: F401
+
+    return found
+
+
+def _dm_control() -> str:
+    from stages.simulation.gl import choose_backend
+
+    choose_backend()
+    from dm_control import mjcf  # noqa: F401
+
+    return metadata.version("dm-control")
+
+
+def _video() -> str:
+    import av
+    from av.codec import Codec
+
+    Codec("libx264", "w")
+    return f"PyAV {av.__version__} encodes H.264"
+
+
+def _gl() -> str:
+    from stages.simulation.gl import choose_backend
+
+    return choose_backend()
+
+
+def _frame() -> str:
+    from stages.simulation.gl import choose_backend
+
+    choose_backend()
+    import numpy as np
+
+    from stages.simulation.contexts import DISTRIBUTIONS
+    from stages.simulation.reach import Reach
+    from stages.simulation.render import RenderPool
+
+    task = Reach()
+    contexts = task.draw_contexts(np.random.default_rng(0), 1, DISTRIBUTIONS["fixed"])
+    qpos, _ = task.context_state(contexts)
+    height, width = task.frame_size
+    with RenderPool(task.build().to_xml_string(), height, width, 1) as pool:
+        frame = pool.render(task.model_fields(contexts), qpos[:, None])[0, 0]
+    colours = len(np.unique(frame.reshape(-1, 3), axis=0))
+    if colours < FEWEST_COLOURS:
+        raise PlatformError(f"a frame of reach shows {colours} colours, expected at least {FEWEST_COLOURS}")
+    return f"reach at {width}x{height}, {colours} colours"
+
+
+CHECKS: dict[str, tuple[Callable[[], str], str]] = {
+    "python": (_python, "install Python 3.11 or later"),
+    "torch": (_torch, REINSTALL),
+    "mujoco": (_mujoco, "pip install 'mujoco>=3.17,<4'"),
+    "dm-control": (_dm_control, REINSTALL),
+    "video": (_video, "pip install --force-reinstall av"),
+    "gl backend": (_gl, GL_MEND),
+    "rendered frame": (_frame, GL_MEND),
+}

@@ -1,0 +1,186 @@
+"""`ifo inspect`: what an artifact is, holds and comes from."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from artifacts.errors import ArtifactError
+from ifo_cli.streams import emit, inputs_or_stdin, plain
+
+if TYPE_CHECKING:
+    from artifacts import Artifact
+
+EXAMPLES = (
+    "ifo inspect runs/reach.policy.h5",
+    "ifo inspect runs/reach.evaluation.h5 --json",
+)
+KEY_FIGURES = ("metrics", "summary")  # groups of the configuration, or of datasets
+NARROWEST = 100  # columns of a table that no terminal shows
+SHOWN_DATASETS = 40
+
+
+def inspect(
+    artifact: Annotated[
+        Path | None, typer.Argument(help="Artifact (default: the path on standard input).")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object in place of tables.")] = False,
+) -> None:
+    """Show what an artifact is: its origin, configuration, data, key figures and lineage.
+
+    No data is checked here: `ifo verify` does that.
+    """
+    from artifacts import read_artifact
+
+    path = inputs_or_stdin([artifact] if artifact else [], "the artifact to inspect")[0]
+    report = describe(read_artifact(path))
+    if as_json:
+        emit(json.dumps(report))
+    else:
+        emit(_as_text(report))
+
+
+def describe(artifact: Artifact) -> dict[str, Any]:
+    """Everything about an artifact but its data, as JSON-ready values."""
+    manifest = artifact.manifest
+    datasets = [
+        {
+            "name": name,
+            "shape": list(shape),
+            "dtype": str(dtype),
+            "bytes": math.prod(shape) * dtype.itemsize,
+        }
+        for name, (shape, dtype) in artifact.describe().items()
+    ]
+    return {
+        "path": str(artifact.path),
+        "bytes": artifact.path.stat().st_size,
+        "kind": artifact.kind,
+        "schema_version": manifest.schema_version,
+        "created": manifest.created,
+        "ifo_version": manifest.ifo_version,
+        "seed": manifest.seed,
+        "command": manifest.command,
+        "environment": dict(manifest.environment),
+        "config": plain({k: v for k, v in manifest.config.items() if k not in KEY_FIGURES}),
+        "key_figures": _key_figures(artifact),
+        "datasets": datasets,
+        "lineage": [{"depth": depth, **ancestor} for depth, ancestor in _ancestors(artifact, 1)],
+    }
+
+
+def _key_figures(artifact: Artifact) -> dict[str, Any]:
+    """Metrics of the configuration, and datasets of metrics: a single value, or the last of a series."""
+    figures: dict[str, Any] = {}
+    for group in KEY_FIGURES:
+        found = artifact.config.get(group)
+        if isinstance(found, dict):
+            figures.update(plain(found))
+        for name in artifact.names(f"{group}/"):
+            values = artifact[name]
+            if values.ndim <= 1 and values.size:
+                figures[name.removeprefix(f"{group}/")] = plain(values.reshape(-1)[-1])
+    return figures
+
+
+def _ancestors(artifact: Artifact, depth: int) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Parents, depth first; one that is gone or unreadable ends its branch and is said to be so."""
+    from artifacts import read_artifact
+
+    folder = artifact.path.parent
+    for parent in artifact.manifest.parents:
+        path = Path(os.path.normpath(folder / parent.path))
+        if not path.is_file():
+            path = Path(os.path.normpath(folder.resolve() / parent.path))
+        entry: dict[str, Any] = {"kind": parent.kind, "path": str(path), "state": "present"}
+        try:
+            ancestor = read_artifact(path)
+        except ArtifactError as error:
+            yield depth, {**entry, "state": "unreadable" if path.exists() else "missing", "problem": str(error)}
+            continue
+        origin = {"created": ancestor.manifest.created, "seed": ancestor.manifest.seed}
+        yield depth, {**entry, **origin, "command": ancestor.manifest.command}
+        yield from _ancestors(ancestor, depth + 1)
+
+
+def _as_text(report: dict[str, Any]) -> str:
+    """The report as tables; without colour unless standard output is a terminal."""
+    from io import StringIO
+
+    from rich.console import Console
+    from rich.table import Table
+
+    terminal = sys.stdout is not None and sys.stdout.isatty()
+    width = None if terminal else _width(report)
+    console = Console(file=StringIO(), width=width, force_terminal=terminal, highlight=False, emoji=False)
+
+    def table(title: str, rows: list[tuple[str, ...]], heads: tuple[str, ...] = ()) -> None:
+        shown = Table(title=title, title_justify="left", show_header=bool(heads), box=None, pad_edge=False)
+        for head in heads or rows[0]:
+            numeric = head in ("size",)
+            shown.add_column(head if heads else "", overflow="fold", justify="right" if numeric else "left")
+        for row in rows:
+            shown.add_row(*row)
+        console.print(shown, markup=False)
+        console.print()
+
+    origin = [(name, str(report[name])) for name in ("path", "kind", "created", "seed", "command")]
+    versions = {"ifo": report["ifo_version"], "schema": report["schema_version"], **report["environment"]}
+    origin.insert(3, ("versions", ", ".join(f"{name} {value}" for name, value in versions.items() if value)))
+    origin.insert(2, ("size", _size(report["bytes"])))
+    table("Artifact", origin)
+    if report["key_figures"]:
+        table("Key figures", [(name, _value(value)) for name, value in report["key_figures"].items()])
+    if report["config"]:
+        table("Configuration", [(name, _value(value)) for name, value in report["config"].items()])
+    rows = [
+        (item["name"], "x".join(map(str, item["shape"])) or "single", item["dtype"], _size(item["bytes"]))
+        for item in report["datasets"][:SHOWN_DATASETS]
+    ]
+    hidden = len(report["datasets"]) - len(rows)
+    if hidden > 0:
+        rows.append((f"... {hidden} more (--json shows all)", "", "", ""))
+    if rows:
+        table("Datasets", rows, ("name", "shape", "dtype", "size"))
+    lineage = [
+        ("  " * (entry["depth"] - 1) + entry["kind"], entry["path"], _ancestor_note(entry))
+        for entry in report["lineage"]
+    ]
+    table("Lineage", lineage or [("made from no other artifact",)])
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    return "\n".join(line.rstrip() for line in str(text).splitlines()).rstrip()
+
+
+def _width(report: dict[str, Any]) -> int:
+    values = [report["path"], report["command"], *report["environment"].values()]
+    longest = max(len(str(value)) for value in values)
+    names = max((len(item["name"]) for item in report["datasets"]), default=0)
+    lineage = max((len(entry["path"]) + len(_ancestor_note(entry)) for entry in report["lineage"]), default=0)
+    return max(NARROWEST, longest + 20, names + 60, lineage + 40)
+
+
+def _ancestor_note(entry: dict[str, Any]) -> str:
+    if entry["state"] != "present":
+        return str(entry["state"])
+    return f"seed {entry['seed']}, {entry['created']}"
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _size(number: float) -> str:
+    for unit in ("B", "KiB", "MiB"):
+        if number < 1024:
+            return f"{number:.0f} {unit}" if unit == "B" else f"{number:.1f} {unit}"
+        number /= 1024
+    return f"{number:.1f} GiB"

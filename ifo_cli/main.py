@@ -1,0 +1,140 @@
+"""The `ifo` command. Nothing heavy is imported before a command runs."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from importlib import metadata
+from typing import Annotated, Any
+
+import typer
+import typer.main
+
+from artifacts.errors import IfoError
+from ifo_cli import (
+    collect_demos,
+    doctor,
+    evaluate,
+    inspect,
+    learn_policy,
+    train_expert,
+    train_translator,
+    translate,
+    verify,
+)
+from ifo_cli.options import PRESET_NOTE
+from ifo_cli.streams import abandon_stdout
+
+INTERRUPTED = 130
+BUG = 1
+
+PIPELINE = (
+    "ifo collect-demos reach | ifo train-translator | ifo translate | ifo learn-policy | ifo evaluate"
+)
+
+app = typer.Typer(
+    name="ifo",
+    rich_markup_mode="rich",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog=f"Example:\n\n  {PIPELINE}",
+)
+
+
+def _register(name: str, function: Callable[..., Any], examples: Sequence[str], note: str = "") -> None:
+    heading = "Example" if len(examples) == 1 else "Examples"
+    paragraphs = [f"{heading}:", "\n".join(f"  {example}" for example in examples)]
+    app.command(name, epilog="\n\n".join([note, *paragraphs] if note else paragraphs))(function)
+
+
+_register("train-expert", train_expert.train_expert, train_expert.EXAMPLES, PRESET_NOTE)
+_register("collect-demos", collect_demos.collect_demos, collect_demos.EXAMPLES, PRESET_NOTE)
+_register("train-translator", train_translator.train_translator, train_translator.EXAMPLES, PRESET_NOTE)
+_register("translate", translate.translate, translate.EXAMPLES, PRESET_NOTE)
+_register("learn-policy", learn_policy.learn_policy, learn_policy.EXAMPLES, PRESET_NOTE)
+_register("evaluate", evaluate.evaluate, evaluate.EXAMPLES, PRESET_NOTE)
+_register("inspect", inspect.inspect, inspect.EXAMPLES)
+_register("verify", verify.verify, verify.EXAMPLES)
+_register("doctor", doctor.doctor, doctor.EXAMPLES)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"ifo {version()}")
+        raise typer.Exit
+
+
+def version() -> str:
+    """The installed version of ifo."""
+    try:
+        return metadata.version("ifo")
+    except metadata.PackageNotFoundError:
+        return "0.0.0+unknown"
+
+
+@app.callback()
+def _ifo(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Learn to do what videos show: imitation from observation, through context translation.
+
+    Each command reads one versioned file and writes the next; its path is all that it prints, so that
+    commands can be piped together.
+    """
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        code = _run(words)
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        abandon_stdout()
+        return 0
+    return code
+
+
+def _run(words: list[str]) -> int:
+    try:
+        command = typer.main.get_command(app)
+        code = command.main(words, prog_name="ifo", standalone_mode=False, obj=words)
+    except typer.TyperException as error:
+        message = " ".join(error.format_message().split())
+        if message and words:
+            help_command = shlex.join(["ifo", *_command_of(words), "--help"])
+            _say(f"ifo: {message.rstrip('.')} (see {help_command})")
+        return error.exit_code
+    except IfoError as error:
+        _say(f"ifo: {error}")
+        return error.exit_code
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    except BrokenPipeError:
+        raise
+    except Exception:
+        traceback.print_exc()
+        _say("ifo: this is a bug in ifo: please report it with the lines above and the command")
+        return BUG
+    if code == INTERRUPTED:
+        _say("ifo: interrupted")
+    return code if isinstance(code, int) else 0
+
+
+def _command_of(words: list[str]) -> list[str]:
+    names = {command.name for command in app.registered_commands}
+    return [words[0]] if words[0] in names else []
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,133 @@
+"""What every stage's command does: settle what was left open, run the stage, print one line."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import json
+import math
+import shlex
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from artifacts.errors import PlatformError, UsageError
+from ifo_cli.options import Given
+from ifo_cli.streams import emit, inputs_or_stdin, plain, stdout_to_stderr
+from stages.configs import PRESETS, TASKS
+
+if TYPE_CHECKING:
+    from artifacts import Artifact
+    from stages.run import RunOptions, StageResult
+
+# The kind that a stage reads, and the kind that it writes.
+READS = {
+    "collect-demos": "expert",
+    "train-translator": "demos",
+    "translate": "translator",
+    "learn-policy": "translation",
+    "evaluate": "policy",
+}
+WRITES = {
+    "train-expert": "expert",
+    "collect-demos": "demos",
+    "train-translator": "translator",
+    "translate": "translation",
+    "learn-policy": "policy",
+    "evaluate": "evaluation",
+}
+
+Call = Callable[[Any, "RunOptions", list[Path]], "StageResult"]
+
+
+def check_task(task: str) -> str:
+    """Return the task's name, or raise UsageError with what it may have been meant to be."""
+    if task in TASKS:
+        return task
+    close = difflib.get_close_matches(task.lower(), TASKS, n=1, cutoff=0.5)
+    meant = f", did you mean {close[0]}?" if close else ":"
+    raise UsageError(f"no task {task!r}{meant} expected one of {', '.join(TASKS)}")
+
+
+def run_stage(
+    stage: str,
+    given: Given,
+    call: Call,
+    *,
+    named: Sequence[Path] | None,
+    several: bool = False,
+) -> None:
+    """Run a stage and print its artifact's path, or with --json its figures.
+
+    Args:
+        stage: Name of the stage.
+        given: What the command line said.
+        call: Calls the stage with its configuration, run options and input paths.
+        named: Input paths of the command line; empty: read them from standard input; None: there are none.
+        several: Whether the stage takes more than one input.
+    """
+    _check_numbers(given)
+    out = _check_out(given.run.get("out"))
+    if named is None:
+        paths = []
+    else:
+        kind = READS[stage]
+        paths = inputs_or_stdin(named, f"the {kind} artifact (NAME.{kind}.h5)", several=several)
+    if out is not None and any(_same_file(path, out) for path in paths):
+        raise UsageError(f"--out {out} would replace the stage's own input: choose another name")
+    words = [*given.words, *(() if named else map(str, paths))]
+    with stdout_to_stderr():
+        from artifacts import read_artifact
+        from stages.progress import Progress
+        from stages.run import RunOptions
+
+        parents = [read_artifact(path, READS[stage]) for path in paths]
+        run = RunOptions(
+            **{**_inherited(parents), **given.run},
+            command=shlex.join(["ifo", *words]),
+            progress=Progress(quiet=given.quiet),
+        )
+        config = dataclasses.replace(PRESETS[run.preset][stage], **given.config)
+        _make_folder(out)
+        result = call(config, run, paths)
+    if given.json:
+        emit(json.dumps({"path": str(result.path), "kind": WRITES[stage], **plain(result.summary)}))
+    else:
+        emit(str(result.path))
+
+
+def _inherited(parents: Sequence[Artifact]) -> dict[str, Any]:
+    """Preset and seed of the first parent."""
+    if not parents:
+        return {}
+    manifest = parents[0].manifest
+    preset = manifest.config.get("preset")
+    return {"seed": manifest.seed, **({"preset": preset} if preset in PRESETS else {})}
+
+
+def _check_numbers(given: Given) -> None:
+    for name, value in given.config.items():
+        if isinstance(value, float) and not math.isfinite(value):
+            raise UsageError(f"--{name.replace('_', '-')} {value}: expected a finite number")
+
+
+def _check_out(out: Path | None) -> Path | None:
+    if out is None:
+        return None
+    if out.suffix != ".h5" or out.name.endswith(".checkpoint.h5"):
+        raise UsageError(f"--out {out}: expected a file name ending in .h5, by custom NAME.KIND.h5")
+    if out.is_dir():
+        raise UsageError(f"--out {out} is a folder: expected a file name ending in .h5")
+    return out
+
+
+def _make_folder(out: Path | None) -> None:
+    if out is not None:
+        try:
+            out.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise PlatformError(f"--out {out}: its folder cannot be made ({error.strerror})") from error
+
+
+def _same_file(path: Path, out: Path) -> bool:
+    return path.resolve() == out.resolve()

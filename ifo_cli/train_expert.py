@@ -1,0 +1,32 @@
+"""`ifo train-expert`: learn the task with its own reward."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ifo_cli.options import Given, TaskArgument, stage_command
+from ifo_cli.runner import check_task, run_stage
+
+STAGE = "train-expert"
+EXAMPLES = (
+    "ifo train-expert reach --preset quick",
+    "ifo train-expert reach --iterations 120 --out runs/long.expert.h5",
+)
+
+
+@stage_command(STAGE, resume=True)
+def train_expert(task: TaskArgument, given: Given) -> None:
+    """Train the expert that demonstrates a task, by the task's own reward.
+
+    The expert sees the state and the goal, which the learner never does. `ifo collect-demos` trains one by
+    itself where none is named.
+    """
+    check_task(task)
+
+    def call(config: Any, run: Any, _: list[Path]) -> Any:
+        from stages.train_expert import train_expert
+
+        return train_expert(task, config, run)
+
+    run_stage(STAGE, given, call, named=None)

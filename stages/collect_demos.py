@@ -1,0 +1,152 @@
+"""collect-demos: films the expert in random contexts. The videos are all that learning ever sees."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from artifacts import (
+    ArtifactError,
+    contact_sheet,
+    default_path,
+    read_artifact,
+    sibling,
+    tile_videos,
+    write_artifact,
+    write_mp4,
+    write_png,
+)
+from stages.configs import PRESETS, DemosConfig
+from stages.run import RunOptions, StageResult, environment, full_config, pick_workers
+from stages.seeding import generator
+from stages.simulation.contexts import Contexts, take
+from stages.simulation.task import State, Task
+
+CHUNK = 256  # demonstrations rolled out and drawn at a time
+MAX_ATTEMPTS = 4  # times n: an expert that fails more often than this makes no demonstrations
+
+
+def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: Path | None) -> StageResult:
+    """Collect `config.n` demonstrations and write the `demos` artifact, a contact sheet and an MP4.
+
+    Without an expert the task's is taken from the folder of the output, or trained there first.
+
+    Raises:
+        ArtifactError: The expert fails too often to yield `config.n` demonstrations.
+    """
+    from stages.learners.policy import Policy
+    from stages.simulation.gl import choose_backend
+    from stages.simulation.render import RenderPool
+    from stages.simulation.tasks import distribution, make_task
+    from stages.threads import use_threads
+    from stages.train_expert import load_expert
+
+    choose_backend()
+    task = make_task(task_name)
+    workers = use_threads(pick_workers(run.workers))
+    out = run.out or default_path(Path("runs"), task_name, "demos")
+    expert = expert or _find_or_train_expert(task_name, run, out.parent)
+    policy = Policy.load(load_expert(expert, task_name))
+    drawn_from = distribution(config.contexts)
+
+    frames, contexts, rollouts = [], [], []
+    kept = dropped = chunks = 0
+    with (
+        RenderPool(task.build().to_xml_string(), *task.frame_size, workers) as pool,
+        run.progress.bar(f"collect-demos {task_name}", config.n, "demos") as bar,
+    ):
+        while kept < config.n:
+            if kept + dropped >= MAX_ATTEMPTS * max(config.n, CHUNK):
+                raise ArtifactError(
+                    f"{expert}: the expert failed in {dropped} of {kept + dropped} contexts, expected at least a quarter "
+                    f"to end below {task.expert_threshold} of the initial distance; train it longer "
+                    f"(ifo train-expert {task_name}), or keep failures (--keep-failures)"
+                )
+            drawn = task.draw_contexts(generator(run.seed, "demos", chunks), CHUNK, drawn_from)
+            episode = _roll_out(task, policy, drawn, workers)
+            good = config.keep_failures | (episode.normalised_distance < task.expert_threshold)
+            chosen = np.flatnonzero(good)[: config.n - kept]
+            kept, chunks = kept + len(chosen), chunks + 1
+            looked_at = int(chosen[-1]) + 1 if kept == config.n else CHUNK
+            dropped += looked_at - len(chosen)
+            part = take(drawn, chosen)
+            frames.append(pool.render(task.model_fields(part), episode.frame_qpos(task)[chosen]))
+            contexts.append(part)
+            rollouts.append(episode.distance[chosen])
+            bar.update(kept, dropped=dropped)
+
+    videos, distances = np.concatenate(frames), np.concatenate(rollouts)
+    if not config.keep_failures:
+        run.progress.say(f"dropped {dropped} of {kept + dropped} demonstrations in which the expert failed")
+    arrays = {
+        "frames": videos,
+        "initial_distance": distances[:, 0],
+        "final_distance": distances[:, -1],
+        **{f"contexts/{name}": np.concatenate([part[name] for part in contexts]) for name in contexts[0]},
+    }
+    described = full_config("collect-demos", config, run, task=task_name, dropped=dropped)
+    write_artifact(
+        out,
+        "demos",
+        arrays,
+        config=described,
+        seed=run.seed,
+        command=run.command,
+        parents=[expert],
+        environment=environment(),
+    )
+    _show(videos, out)
+    summary = {
+        "demos": kept,
+        "dropped": dropped,
+        "frames": int(videos.shape[0] * videos.shape[1]),
+        "normalised_distance": float((distances[:, -1] / distances[:, 0]).mean()),
+        "contact_sheet": str(sibling(out, ".png")),
+        "video": str(sibling(out, ".mp4")),
+    }
+    return StageResult(out, summary)
+
+
+def _roll_out(task: Task, policy, contexts: Contexts, workers: int):
+    """One episode of the expert in each context, from the state that the context's first frame shows."""
+    from stages.simulation.batch import rollout
+
+    def act(state: State, where: Contexts) -> np.ndarray:
+        return policy.act(task.observe_expert(state, where))
+
+    return rollout(task, contexts, *task.context_state(contexts), act, workers)
+
+
+def expert_video(task: Task, expert_path: Path, contexts: Contexts, pool) -> np.ndarray:
+    """What the expert does in each of n contexts, as video (n, T, H, W, 3): the truth to judge translations by."""
+    from stages.learners.policy import Policy
+    from stages.train_expert import load_expert
+
+    policy = Policy.load(load_expert(expert_path, task.name))
+    episode = _roll_out(task, policy, contexts, 1)
+    return pool.render(task.model_fields(contexts), episode.frame_qpos(task))
+
+
+def _find_or_train_expert(task_name: str, run: RunOptions, folder: Path) -> Path:
+    """The expert of this preset in `folder`, trained now if there is none."""
+    from stages.train_expert import train_expert
+
+    path = default_path(folder, f"{task_name}-{run.preset}", "expert")
+    if path.exists():
+        read_artifact(path, "expert")
+        run.progress.say(f"using the expert {path}")
+        return path
+    run.progress.say(f"no expert of {task_name} yet: training one, kept as {path}")
+    expert_run = dataclasses.replace(run, out=path, resume=True)
+    return train_expert(task_name, PRESETS[run.preset]["train-expert"], expert_run).path
+
+
+def _show(videos: np.ndarray, out: Path) -> None:
+    """Write the contact sheet and an MP4 of the first demonstrations."""
+    write_png(sibling(out, ".png"), contact_sheet(videos, n=20))
+    shown = list(videos[:24])
+    rows = [shown[k : k + 6] for k in range(0, len(shown), 6)]
+    rows[-1] += [np.zeros_like(shown[0])] * (len(rows[0]) - len(rows[-1]))
+    write_mp4(sibling(out, ".mp4"), tile_videos(rows))

@@ -1,0 +1,164 @@
+"""Configuration of every stage: typed, frozen, with units; the command line's options are made from these classes.
+
+This module imports nothing heavy, so that `ifo --help` answers at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+TASKS = ("reach",)
+CONTEXTS = ("paper", "narrow", "fixed")
+ARCHITECTURES = ("compact", "paper")
+LOSSES = ("trans", "rec", "align")
+REWARDS = ("translation", "oracle", "video")
+REWARD_TERMS = ("feat", "img")
+RAMPS = ("none", "quadratic")
+LEARNERS = ("trpo", "ppo", "sac")
+SPLITS = ("held-out", "all")
+
+
+def option(default: Any, text: str, choices: tuple[str, ...] = (), low: float | None = None) -> Any:
+    """A dataclass field that is also a command-line option: its default, help, allowed values and lower bound."""
+    return field(default=default, metadata={"help": text, "choices": choices, "low": low})
+
+
+@dataclass(frozen=True)
+class LearnerConfig:
+    """How a policy is learned by reinforcement."""
+
+    learner: str = option("trpo", "Learning algorithm.", LEARNERS)
+    iterations: int = option(100, "Iterations of `episodes` x 50 control steps.", low=1)
+    episodes: int = option(250, "Episodes an iteration, simulated side by side (250 x 50 = 12,500 samples).", low=2)
+    hidden: int = option(64, "Width of the two hidden layers of policy and value.", low=1)
+    kl: float = option(0.02, "Bound on the mean KL divergence of an update.", low=0)
+    discount: float = option(0.99, "Discount a control step.", low=0)
+    gae_lambda: float = option(0.97, "Lambda of generalised advantage estimation.", low=0)
+    log_std: float = option(-0.5, "Initial log standard deviation of the actions.")
+    critic_rate: float = option(3e-3, "Learning rate of the value network.", low=0)
+    checkpoint_every: int = option(10, "Iterations between checkpoints.", low=1)
+
+
+@dataclass(frozen=True)
+class ExpertConfig(LearnerConfig):
+    """An expert: learns the task's hand-written reward in random contexts, seeing the state and the goal."""
+
+    contexts: str = option("paper", "Contexts to practise in.", CONTEXTS)
+    test_contexts: int = option(200, "Contexts that the finished expert is tested in.", low=1)
+    test_episodes: int = option(16, "Episodes a context when its consistency is measured.", low=2)
+
+
+@dataclass(frozen=True)
+class DemosConfig:
+    """Demonstrations: videos of the expert in random contexts."""
+
+    n: int = option(3000, "Demonstrations to collect.", low=2)
+    contexts: str = option("paper", "Contexts to draw from.", CONTEXTS)
+    keep_failures: bool = option(False, "Keep demonstrations in which the expert failed.")
+
+
+@dataclass(frozen=True)
+class TranslatorConfig:
+    """Training of the context translator (Sec. IV)."""
+
+    arch: str = option("compact", "Network: the paper's, or a compact one for CPUs.", ARCHITECTURES)
+    steps: int = option(3000, "Optimiser steps.", low=1)
+    videos: int = option(16, "Videos a step; each is source of one pair and target of another.", low=2)
+    frames: int = option(4, "Frames of each video a step, at the same times in all.", low=1)
+    pairings: int = option(1, "Pairings of the videos a step.", low=1)
+    learning_rate: float = option(1e-3, "Peak learning rate.", low=0)
+    schedule: str = option("cosine", "Learning-rate schedule.", ("cosine", "constant"))
+    weight_decay: float = option(1e-4, "AdamW's weight decay.", low=0)
+    lambda_rec: float = option(1.0, "lambda_1, weight of L_rec.", low=0)
+    lambda_align: float = option(0.02, "lambda_2, weight of L_align.", low=0)
+    without: tuple[str, ...] = option((), "Switch a loss off (repeatable).", LOSSES)
+    motion_weight: float = option(0.0, "Extra weight of pixels that differ from the context frame.", low=0)
+    augment: bool = option(True, "Mirror videos and swap green and blue at random.")
+    ema: float = option(0.999, "Decay of the averaged weights (0: none).", low=0)
+    held_out: int = option(256, "Demonstrations never trained on, for the metrics (at most a fifth).", low=1)
+    evaluate_every: int = option(500, "Steps between evaluations on held-out demonstrations.", low=1)
+    checkpoint_every: int = option(200, "Steps between checkpoints.", low=1)
+    amp: bool = option(True, "Mixed precision on CUDA.")
+    compile: bool = option(False, "Compile the training step with torch.compile.")
+
+
+@dataclass(frozen=True)
+class TranslateConfig:
+    """Translation of demonstrations into the learner's context (Sec. V.A)."""
+
+    n: int = option(200, "Demonstrations to translate and average.", low=1)
+    split: str = option("held-out", "Demonstrations to translate.", SPLITS)
+    context_seed: int = option(0, "Seed of the learner's context.", low=0)
+    contexts: str = option("", "Distribution of the learner's context (default: that of the demonstrations).", CONTEXTS)
+    context_image: str = option("", "PNG of the learner's context, in place of a simulated one.")
+
+
+@dataclass(frozen=True)
+class PolicyConfig(LearnerConfig):
+    """Learning a policy in the learner's context (Sec. V)."""
+
+    reward: str = option("translation", "Reward: the paper's, the true distance, or the true expert video.", REWARDS)
+    without: tuple[str, ...] = option((), "Switch a term of the reward off (repeatable).", REWARD_TERMS)
+    image_weight: float = option(1.0, "w_rec, weight of R_img beside R_feat, both scaled to order one.", low=0)
+    ramp: str = option("none", "Weight of a frame's reward over time.", RAMPS)
+
+
+@dataclass(frozen=True)
+class EvaluateConfig:
+    """Evaluation of finished policies."""
+
+    episodes: int = option(100, "Episodes a policy, deterministic and stochastic each.", low=1)
+
+
+STAGES: dict[str, type] = {
+    "train-expert": ExpertConfig,
+    "collect-demos": DemosConfig,
+    "train-translator": TranslatorConfig,
+    "translate": TranslateConfig,
+    "learn-policy": PolicyConfig,
+    "evaluate": EvaluateConfig,
+}
+
+EXPERT_LEARNING: dict[str, Any] = {"iterations": 60, "gae_lambda": 0.95}
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "toy": {
+        "train-expert": ExpertConfig(iterations=4, episodes=64, test_contexts=20, test_episodes=4),
+        "collect-demos": DemosConfig(n=64, contexts="narrow", keep_failures=True),
+        "train-translator": TranslatorConfig(
+            steps=30, videos=8, frames=2, held_out=8, evaluate_every=15, checkpoint_every=15
+        ),
+        "translate": TranslateConfig(n=8),
+        "learn-policy": PolicyConfig(iterations=3, episodes=16, checkpoint_every=1),
+        "evaluate": EvaluateConfig(episodes=8),
+    },
+    "quick": {
+        "train-expert": ExpertConfig(**EXPERT_LEARNING),
+        "collect-demos": DemosConfig(n=8192, contexts="narrow"),
+        "train-translator": TranslatorConfig(),
+        "translate": TranslateConfig(),
+        "learn-policy": PolicyConfig(iterations=60),
+        "evaluate": EvaluateConfig(),
+    },
+    "paper": {
+        "train-expert": ExpertConfig(**EXPERT_LEARNING),
+        "collect-demos": DemosConfig(n=3000),
+        "train-translator": TranslatorConfig(
+            arch="paper",
+            steps=131_000,
+            videos=100,
+            frames=1,
+            learning_rate=1e-4,
+            schedule="constant",
+            weight_decay=0.0,
+            augment=False,
+            ema=0.0,
+            evaluate_every=1000,
+            checkpoint_every=1000,
+        ),
+        "translate": TranslateConfig(),
+        "learn-policy": PolicyConfig(kl=0.01, gae_lambda=1.0, hidden=32),
+        "evaluate": EvaluateConfig(episodes=250),
+    },
+}

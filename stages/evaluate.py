@@ -1,0 +1,171 @@
+"""evaluate: how often, and how closely, do policies reach the goal that they were never told?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from artifacts import (
+    Artifact,
+    ArtifactError,
+    default_path,
+    read_artifact,
+    sibling,
+    stem_of,
+    tile_videos,
+    write_artifact,
+    write_mp4,
+)
+from stages.configs import EvaluateConfig
+from stages.run import RunOptions, StageResult, environment, full_config, pick_workers
+from stages.seeding import generator, integer
+from stages.simulation.contexts import Contexts, repeat
+from stages.statistics import bootstrap_mean, wilson
+
+SHOWN = 6  # policies in the MP4
+
+
+def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> StageResult:
+    """Evaluate policies of one task; write the `evaluation` artifact, the learning curves and a video of rollouts.
+
+    Success by the paper's criterion is one verdict a run: the mean over episodes of the stochastic policy's
+    normalised final distance is below the task's threshold. Beside it stands the stricter one, a verdict an episode
+    of the deterministic policy.
+    """
+    from stages.learn_policy import policy_video
+    from stages.learners.policy import Policy
+    from stages.simulation.gl import choose_backend
+    from stages.simulation.render import RenderPool
+    from stages.simulation.tasks import make_task
+    from stages.threads import use_threads
+
+    choose_backend()
+    sources = [read_artifact(path, "policy") for path in policies]
+    names = sorted({source.config["task"] for source in sources})
+    if len(names) > 1:
+        raise ArtifactError(f"policies of tasks {', '.join(names)}: expected one task; evaluate each task on its own")
+    task = make_task(names[0])
+    use_threads(pick_workers(run.workers))
+    name = stem_of(sources[0].path) + (f"-and-{len(sources) - 1}-more" if len(sources) > 1 else "")
+    out = run.out or default_path(sources[0].path.parent, name, "evaluation")
+    results: dict[str, list[np.ndarray]] = {}
+    videos = []
+    with (
+        RenderPool(task.build().to_xml_string(), *task.frame_size, 1) as pool,
+        run.progress.bar("evaluate", len(sources), "policies") as bar,
+    ):
+        for index, source in enumerate(sources):
+            policy, contexts = Policy.load(source), source.group("contexts")
+            for key, value in _episodes(task, policy, contexts, config.episodes, run.seed, index).items():
+                results.setdefault(key, []).append(value)
+            if len(videos) < SHOWN:
+                videos.append(policy_video(task, policy, contexts, pool))
+            bar.update(index + 1)
+    arrays = {key: np.stack(values) for key, values in results.items()}
+    summary = _summarise(task, arrays)
+    described = full_config("evaluate", config, run, task=task.name, runs=[_describe(source) for source in sources])
+    write_artifact(
+        out,
+        "evaluation",
+        arrays | {f"summary/{key}": np.asarray(value, np.float64) for key, value in summary.items()},
+        config=described,
+        seed=run.seed,
+        command=run.command,
+        parents=[source.path for source in sources],
+        environment=environment(),
+    )
+    _plot_curves(sources, task.success_threshold, sibling(out, ".png"))
+    labels = [stem_of(source.path)[-16:] for source in sources[:SHOWN]]
+    write_mp4(sibling(out, ".mp4"), tile_videos([videos], labels=labels), fps=10)
+    low, high = summary["success_paper_interval"]
+    run.progress.say(
+        f"evaluation: final distance {summary['normalised_distance_stochastic']:.3f} of the initial one (stochastic), "
+        f"{summary['normalised_distance']:.3f} (deterministic); {summary['succeeded']} of {len(sources)} runs succeed by "
+        f"the paper's criterion (95% interval {low:.2f} to {high:.2f}), {100 * summary['success_deterministic']:.0f}% of "
+        "deterministic episodes"
+    )
+    pictures = {"curves": str(sibling(out, ".png")), "video": str(sibling(out, ".mp4"))}
+    return StageResult(out, {**summary, **pictures})
+
+
+def _describe(source: Artifact) -> dict[str, Any]:
+    """Where one of the evaluated runs came from."""
+    config = source.config
+    described = {
+        "policy": source.path.name,
+        "reward": config["reward"],
+        "learner": config["learner"],
+        "seed": source.manifest.seed,
+        "samples": int(source["curve/samples"][-1]),
+        "learning_minutes": float(source["curve/seconds"].sum() / 60),
+        "last_batch_distance": float(source["curve/normalised_distance"][-1]),
+    }
+    return described
+
+
+def _episodes(
+    task: Any, policy: Any, contexts: Contexts, episodes: int, seed: int, index: int
+) -> dict[str, np.ndarray]:
+    """Distances (E,) of `episodes` deterministic and as many stochastic episodes from redrawn initial states."""
+    import torch
+
+    from stages.simulation.batch import rollout
+
+    same = repeat(contexts, episodes)
+    start = task.draw_states(generator(seed, "evaluate", index), same)
+    noise = torch.Generator().manual_seed(integer(seed, "evaluate-noise", index))
+    calm = rollout(task, same, *start, lambda state, _: policy.act(task.observe(state)), 1)
+    noisy = rollout(task, same, *start, lambda state, _: policy.act(task.observe(state), noise), 1)
+    return {
+        "initial_distance": calm.distance[:, 0],
+        "final_distance": calm.distance[:, -1],
+        "normalised_distance": calm.normalised_distance,
+        "final_distance_stochastic": noisy.distance[:, -1],
+        "normalised_distance_stochastic": noisy.normalised_distance,
+    }
+
+
+def _summarise(task: Any, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+    """Figures over runs (R, E): means with bootstrap intervals, success rates with Wilson intervals, 95% each."""
+    calm, noisy = arrays["normalised_distance"], arrays["normalised_distance_stochastic"]
+    succeeded = noisy.mean(axis=1) < task.success_threshold
+    return {
+        "runs": len(calm),
+        "normalised_distance": float(calm.mean()),
+        "normalised_distance_interval": bootstrap_mean(calm.mean(axis=1)),
+        "normalised_distance_stochastic": float(noisy.mean()),
+        "normalised_distance_stochastic_interval": bootstrap_mean(noisy.mean(axis=1)),
+        "per_run_distance": [float(value) for value in noisy.mean(axis=1)],
+        "succeeded": int(succeeded.sum()),
+        "success_paper": float(succeeded.mean()),
+        "success_paper_interval": wilson(int(succeeded.sum()), len(succeeded)),
+        "success_deterministic": float((calm < task.success_threshold).mean()),
+        "success_deterministic_interval": bootstrap_mean((calm < task.success_threshold).mean(axis=1)),
+    }
+
+
+def _plot_curves(sources: list[Artifact], threshold: float, path: Path) -> None:
+    """Learning curves: normalised final distance over samples, one line a run."""
+    import io
+
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    from artifacts.atomic import write_bytes
+
+    figure, axes = pyplot.subplots(figsize=(7, 4.5), dpi=120)
+    for source in sources:
+        label = f"{stem_of(source.path)} ({source.config['reward']})"
+        axes.plot(source["curve/samples"], source["curve/normalised_distance"], label=label)
+    axes.axhline(threshold, color="grey", linestyle="--", linewidth=1, label=f"success below {threshold}")
+    axes.set(xlabel="samples", ylabel="final distance / initial distance", ylim=(0, None))
+    axes.legend(fontsize=7)
+    figure.tight_layout()
+    drawn = io.BytesIO()
+    figure.savefig(drawn, format="png")
+    pyplot.close(figure)
+    write_bytes(path, drawn.getvalue())

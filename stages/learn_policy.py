@@ -1,0 +1,134 @@
+"""learn-policy: reinforcement learning in the learner's context, on the reward that the translation defines (Sec. V)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from artifacts import (
+    Artifact,
+    default_path,
+    remove_checkpoint,
+    sibling,
+    stem_of,
+    tile_videos,
+    write_artifact,
+    write_mp4,
+)
+from stages.configs import PolicyConfig
+from stages.run import RunOptions, StageResult, environment, full_config, pick_device, pick_workers
+from stages.simulation.contexts import Contexts, repeat
+from stages.simulation.task import Task
+
+
+def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> StageResult:
+    """Learn a policy that tracks the translation; write the `policy` artifact and a video beside its target.
+
+    The policy sees joint positions, velocities and the time. Frames are drawn only where the reward needs them.
+    """
+    from stages.learners.environment import EpisodeEnv
+    from stages.learners.loop import curve_arrays, learn
+    from stages.learners.policy import Policy, policy_weights
+    from stages.simulation.gl import choose_backend
+    from stages.simulation.render import RenderPool
+    from stages.simulation.tasks import make_task
+    from stages.threads import use_threads
+    from stages.translate import load_translation
+
+    choose_backend()
+    source = load_translation(translation)
+    task = make_task(source.config["task"])
+    device = pick_device(run.device)
+    workers = use_threads(pick_workers(run.workers))
+    contexts = source.group("contexts")
+    suffix = "" if config.reward == "translation" else f"-{config.reward}"
+    out = run.out or default_path(source.path.parent, stem_of(source.path) + suffix, "policy")
+    xml = task.build().to_xml_string()
+    reward = make_reward(config, task, source, contexts, xml, workers, device)
+    try:
+        env = EpisodeEnv(
+            task, config.episodes, run.seed, lambda rng, n: repeat(contexts, n), reward, nthread=workers
+        )
+        described = full_config("learn-policy", config, run, task=task.name)
+        described |= {"observation_size": env.observation_space.shape[0], "action_size": task.action_size}
+        model, curve = learn(env, config, run, out, "learn-policy", described, [source.path])
+    finally:
+        reward.close()
+    final = curve["normalised_distance"][-1]
+    write_artifact(
+        out,
+        "policy",
+        policy_weights(model)
+        | curve_arrays(curve)
+        | {f"contexts/{name}": values for name, values in contexts.items()},
+        config=described,
+        seed=run.seed,
+        command=run.command,
+        parents=[source.path],
+        environment=environment(device),
+    )
+    remove_checkpoint(out)
+    with RenderPool(xml, *task.frame_size, 1) as pool:
+        video = policy_video(task, Policy.of(model), contexts, pool)
+    shown = {"target": np.clip(source["target_images"], 0, 255).round().astype(np.uint8), "policy": video}
+    if "expert_frames" in source:
+        shown["expert here"] = source["expert_frames"]
+    write_mp4(sibling(out, ".mp4"), tile_videos([list(shown.values())], labels=list(shown)), fps=10)
+    run.progress.say(f"policy: last batch ends at {final:.3f} of the initial distance")
+    summary = {
+        "normalised_distance": final,
+        "samples": int(curve["samples"][-1]),
+        "seconds": float(sum(curve["seconds"])),
+        "video": str(sibling(out, ".mp4")),
+    }
+    return StageResult(out, summary)
+
+
+def make_reward(
+    config: PolicyConfig, task: Task, source: Artifact, contexts: Contexts, xml: str, workers: int, device: str
+) -> Any:
+    """The reward that `config` names.
+
+    Raises:
+        ArtifactError: The translator behind the translation is missing.
+    """
+    import torch
+
+    from stages.rewards.state import OracleReward
+    from stages.rewards.translation import TrackingTarget, TranslationReward, spread
+    from stages.simulation.render import RenderPool
+    from stages.train_translator import load_translator
+    from stages.translation.networks import to_images
+
+    if config.reward == "oracle":
+        return OracleReward(task)
+    model = load_translator(source.parent("translator", check=True), device)
+    if config.reward == "video":
+        # The expert's own video in this context: a perfect translation.
+        features = torch.from_numpy(source["expert_features"])
+        images = to_images(torch.from_numpy(source["expert_frames"]))
+        target = TrackingTarget(features.to(device), images.to(device), spread(features), spread(images))
+    else:
+        images = torch.from_numpy(source["target_images"]).movedim(-1, 1) / 127.5 - 1
+        target = TrackingTarget(
+            torch.from_numpy(source["target_features"]).to(device),
+            images.to(device),
+            float(source["feature_scale"]),
+            float(source["image_scale"]),
+        )
+    pool = RenderPool(xml, *task.frame_size, workers)
+    return TranslationReward(
+        task, contexts, model, target, pool, config.without, config.image_weight, config.ramp, device
+    )
+
+
+def policy_video(task: Task, policy: Any, contexts: Contexts, pool: Any) -> np.ndarray:
+    """One deterministic episode from the context's own initial state, as video (T, H, W, 3)."""
+    from stages.simulation.batch import rollout
+
+    episode = rollout(
+        task, contexts, *task.context_state(contexts), lambda state, _: policy.act(task.observe(state)), 1
+    )
+    return pool.render(task.model_fields(contexts), episode.frame_qpos(task))[0]

@@ -1,0 +1,115 @@
+"""The learners behind one interface: TRPO, PPO and SAC of Stable-Baselines3, made from one configuration."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.logger import Logger
+from sb3_contrib import TRPO
+
+from stages.configs import LearnerConfig
+from stages.learners.environment import EpisodeEnv
+
+def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int, device: str = "cpu") -> BaseAlgorithm:
+    """A Stable-Baselines3 algorithm over `env`, silent (the caller logs), seeded."""
+    steps = env.task.control_steps
+    samples = steps * env.num_envs
+    layers = {"net_arch": [config.hidden, config.hidden]}
+    model: BaseAlgorithm
+    if config.learner == "trpo":
+        model = TRPO(
+            "MlpPolicy",
+            env,
+            n_steps=steps,
+            batch_size=max(samples // 10, 2),
+            learning_rate=config.critic_rate,
+            gamma=config.discount,
+            gae_lambda=config.gae_lambda,
+            target_kl=config.kl,
+            n_critic_updates=10,
+            cg_max_steps=10,
+            policy_kwargs={"log_std_init": config.log_std, **layers},
+            seed=seed,
+            device=device,
+        )
+    elif config.learner == "ppo":
+        model = PPO(
+            "MlpPolicy",
+            env,
+            n_steps=steps,
+            batch_size=max(samples // 10, 2),
+            learning_rate=0.1 * config.critic_rate,
+            gamma=config.discount,
+            gae_lambda=config.gae_lambda,
+            target_kl=config.kl,
+            n_epochs=10,
+            policy_kwargs={"log_std_init": config.log_std, **layers},
+            seed=seed,
+            device=device,
+        )
+    else:
+        model = SAC(
+            "MlpPolicy",
+            env,
+            learning_rate=0.1 * config.critic_rate,
+            buffer_size=max(samples * min(config.iterations, 40), 1000),
+            batch_size=256,
+            gamma=config.discount,
+            train_freq=steps,
+            gradient_steps=max(samples // 25, 1),
+            learning_starts=0,
+            policy_kwargs=layers,
+            seed=seed,
+            device=device,
+        )
+    model.set_logger(Logger(folder=None, output_formats=[]))
+    return model
+
+
+def learner_state(model: BaseAlgorithm) -> dict[str, Any]:
+    """Everything that decides how learning goes on, as a tree of arrays and numbers."""
+    from stages.state import to_tree
+
+    variables = model._get_torch_save_params()[1]  # noqa: SLF001 - SB3 has no public list of them
+    state = {
+        "parameters": to_tree(model.get_parameters()),
+        "variables": to_tree({name: getattr(model, name) for name in variables}),
+        "torch": torch.get_rng_state().numpy(),
+        "numpy": list(np.random.get_state(legacy=True)),  # SB3 shuffles its minibatches with the global generator.
+        "samples": int(model.num_timesteps),
+        "updates": int(getattr(model, "_n_updates", 0)),
+        "episode": model.env.episode if isinstance(model.env, EpisodeEnv) else 0,
+    }
+    if isinstance(model, SAC):
+        buffer = model.replay_buffer
+        names = ("observations", "next_observations", "actions", "rewards", "dones")
+        end = buffer.buffer_size if buffer.full else buffer.pos
+        state["replay"] = {name: getattr(buffer, name)[:end] for name in names}
+        state["replay_position"] = [int(buffer.pos), bool(buffer.full)]
+    return state
+
+
+def restore_learner(model: BaseAlgorithm, state: dict[str, Any]) -> None:
+    """Put `learner_state` back, bit for bit."""
+    from stages.state import from_tree
+
+    model.set_parameters(from_tree(state["parameters"]), exact_match=True, device=model.device)
+    for name, value in from_tree(state["variables"]).items():
+        getattr(model, name).data.copy_(value)
+    model.num_timesteps = state["samples"]
+    model._n_updates = state["updates"]  # type: ignore[attr-defined]
+    if isinstance(model, SAC):
+        for name, value in state["replay"].items():
+            getattr(model.replay_buffer, name)[: len(value)] = value
+        model.replay_buffer.pos, model.replay_buffer.full = state["replay_position"]
+    env = model.env
+    assert isinstance(env, EpisodeEnv)
+    env.episode = state["episode"] - 1  # The running episode was drawn before the state was taken: draw it again.
+    model._last_obs = env.reset()  # noqa: SLF001
+    model._last_episode_starts = np.ones(env.num_envs, bool)  # noqa: SLF001
+    np.random.set_state(tuple(state["numpy"]))
+    torch.set_rng_state(torch.from_numpy(np.asarray(state["torch"], np.uint8)))

@@ -1,0 +1,56 @@
+"""Rewards that read the simulator's state."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stages.simulation.contexts import Contexts
+from stages.simulation.task import State, Task
+
+
+class StateReward:
+    """Base of rewards that read the simulator's state: one term, nothing to free."""
+
+    def __init__(self, task: Task):
+        self._task = task
+        self._returns: list[np.ndarray] = []
+
+    def reward(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
+        raise NotImplementedError("a subclass defines its reward")
+
+    def __call__(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
+        value = self.reward(step, state, action, contexts)
+        self._returns.append(value)
+        return value
+
+    def terms(self) -> dict[str, float]:
+        episodes = max(len(self._returns) // self._task.control_steps, 1)
+        total = float(np.mean(np.sum(self._returns, axis=0))) / episodes if self._returns else 0.0
+        self._returns.clear()
+        return {"return": total}
+
+    def close(self) -> None:
+        pass
+
+
+class ExpertReward(StateReward):
+    """The task's hand-written reward, that the experts learn from."""
+
+    def reward(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
+        return self._task.expert_reward(state, action, contexts)
+
+
+class OracleReward(StateReward):
+    """The paper's oracle: the negative distance over the initial one, at the last step only (Sec. VI.B)."""
+
+    def __init__(self, task: Task):
+        super().__init__(task)
+        self._initial = np.ones(1)
+
+    def reward(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
+        distance = self._task.distance(state, contexts)
+        if step == 1:
+            self._initial = distance
+        if step < self._task.control_steps:
+            return np.zeros_like(distance)
+        return -distance / self._initial

@@ -1,0 +1,109 @@
+"""The paper's reward: track the mean translated features and images (Sec. V.A).
+
+R(o_t) = R_feat(o_t) + w_rec R_img(o_t), with
+R_feat(o_t) = -|Enc1(o_t) - mean_i F(o_t^i, o_0)|^2 and R_img(o_t) = -|o_t - mean_i M(o_t^i, o_0)|^2.
+
+The paper gives no scale, and sums over pixels run to thousands. Here each term is divided by the target's own spread,
+the sum over the video of its squared distance from its first frame: an episode that stands still on the context frame
+returns about -1 a term, one that follows the target about 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from stages.simulation.contexts import Contexts
+from stages.simulation.render import RenderPool
+from stages.simulation.task import State, Task
+from stages.translation.networks import Translator, to_images
+
+
+@dataclass(frozen=True)
+class TrackingTarget:
+    """What to track.
+
+    Attributes:
+        features: Mean translated features (T, D).
+        images: Mean translated images (T, 3, H, W), in [-1, 1].
+        feature_scale: What R_feat is divided by.
+        image_scale: What R_img is divided by.
+    """
+
+    features: Tensor
+    images: Tensor
+    feature_scale: float
+    image_scale: float
+
+
+def spread(values: Tensor) -> float:
+    """Sum over time of the squared distance from the first frame: (T, ...) -> a number above zero."""
+    return float((values - values[:1]).square().sum().clamp_min(1e-6))
+
+
+class TranslationReward:
+    """Reward of n simulations in one fixed context; draws their frames and encodes them.
+
+    The reward is given at the control steps whose state a frame shows; the first frame precedes every action and
+    has none.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        context: Contexts,
+        model: Translator,
+        target: TrackingTarget,
+        pool: RenderPool,
+        without: tuple[str, ...] = (),
+        image_weight: float = 1.0,
+        ramp: str = "none",
+        device: str = "cpu",
+    ):
+        """Track `target` in `context` (leading axis 1); `without` switches off `feat` or `img`.
+
+        `ramp` "quadratic" weights frame j by j^2, scaled to a mean of one.
+        """
+        self._task, self._model, self._target, self._pool, self._device = task, model, target, pool, device
+        self._fields = task.model_fields(context)
+        self._use = {term: term not in without for term in ("feat", "img")}
+        self._image_weight = image_weight
+        j = np.arange(task.frames, dtype=np.float64)
+        self._time_weight = j**2 / np.mean(j**2) if ramp == "quadratic" else np.ones_like(j)
+        self._sums = {"feat": 0.0, "img": 0.0, "return": 0.0}
+        self._episodes = 0
+
+    @torch.no_grad()
+    def __call__(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
+        if step == 1:
+            self._episodes += 1
+        frame, between = divmod(step, self._task.frame_every)
+        if between or frame >= self._task.frames:
+            return np.zeros(len(state.qpos))
+        images = to_images(torch.from_numpy(self._pool.render(self._fields, state.qpos[None])[0]).to(self._device))
+        weight = float(self._time_weight[frame])
+        total = np.zeros(len(images))
+        if self._use["feat"]:
+            error = (self._model.encode(images) - self._target.features[frame]).square().sum(dim=1)
+            total += self._add("feat", -weight * error / self._target.feature_scale)
+        if self._use["img"]:
+            error = (images - self._target.images[frame]).square().sum(dim=(1, 2, 3))
+            total += self._add("img", -weight * self._image_weight * error / self._target.image_scale)
+        self._sums["return"] += float(total.mean())
+        return total
+
+    def _add(self, term: str, reward: Tensor) -> np.ndarray:
+        values = reward.double().cpu().numpy()
+        self._sums[term] += float(values.mean())
+        return values
+
+    def terms(self) -> dict[str, float]:
+        means = {name: value / max(self._episodes, 1) for name, value in self._sums.items()}
+        self._sums, self._episodes = dict.fromkeys(self._sums, 0.0), 0
+        return {name: value for name, value in means.items() if name == "return" or self._use[name]}
+
+    def close(self) -> None:
+        self._pool.close()

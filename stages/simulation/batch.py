@@ -1,0 +1,104 @@
+"""Many simulations of one task at once, on a thread pool (mujoco.batch)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from stages.simulation.contexts import Contexts
+from stages.simulation.task import State, Task
+
+
+class BatchSimulation:
+    """`nsim` simulations of a task that step together: all episodes start and end at the same control step.
+
+    Results do not depend on `nthread`: each simulation is stepped whole by one thread.
+    """
+
+    def __init__(self, task: Task, nsim: int, nthread: int = 0):
+        import mujoco
+        import mujoco.batch
+
+        self._stage = mujoco.mjtStage.mjSTAGE_POS
+        self.task = task
+        self.nsim = nsim
+        self._batch = mujoco.batch.Batch(task.model, nsim, nthread=nthread)
+        self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
+        self._time, self._ctrl = self._batch.bind("time"), self._batch.bind("ctrl")
+        self._sites = self._batch.bind("site_xpos")
+
+    def reset(self, qpos: np.ndarray, qvel: np.ndarray) -> State:
+        """Start all episodes at qpos (nsim, nq), qvel (nsim, nv)."""
+        import mujoco
+
+        self._batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
+        self._qpos[:], self._qvel[:] = qpos, qvel
+        self._batch.forward(stage=self._stage)
+        return self.state()
+
+    def step(self, action: np.ndarray) -> State:
+        """Hold `action` (nsim, nu), clipped to [-1, 1], for one control step."""
+        self._ctrl[:] = np.clip(action, -1.0, 1.0)
+        self._batch.step(nstep=self.task.substeps, stage=self._stage)
+        return self.state()
+
+    def state(self) -> State:
+        """The current state; its arrays are copies."""
+        return State(
+            qpos=self._qpos.copy(),
+            qvel=self._qvel.copy(),
+            site_xpos=self._sites.reshape(self.nsim, -1, 3).copy(),
+            time=self._time.reshape(self.nsim).copy(),
+        )
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """Episodes of n simulations.
+
+    Attributes:
+        qpos: Joint positions (n, control_steps + 1, nq).
+        distance: Distance to the goal (n, control_steps + 1), metres.
+    """
+
+    qpos: np.ndarray
+    distance: np.ndarray
+
+    @property
+    def normalised_distance(self) -> np.ndarray:
+        """Final over initial distance (n,), the paper's metric."""
+        return self.distance[:, -1] / self.distance[:, 0]
+
+    def frame_qpos(self, task: Task) -> np.ndarray:
+        """Joint positions (n, T, nq) at the control steps that a video shows: 0, 2, ..., 48."""
+        return self.qpos[:, : task.control_steps : task.frame_every]
+
+
+def rollout(
+    task: Task,
+    contexts: Contexts,
+    qpos: np.ndarray,
+    qvel: np.ndarray,
+    act: Callable[[State, Contexts], np.ndarray],
+    nthread: int = 0,
+) -> Rollout:
+    """Roll a policy out for one episode in each of n contexts.
+
+    Args:
+        act: Maps (state, contexts) to actions (n, nu).
+
+    Returns:
+        The rollout, its states at every control step.
+    """
+    simulation = BatchSimulation(task, len(qpos), nthread)
+    state = simulation.reset(qpos, qvel)
+    states = [state]
+    for _ in range(task.control_steps):
+        state = simulation.step(act(state, contexts))
+        states.append(state)
+    return Rollout(
+        qpos=np.stack([s.qpos for s in states], axis=1),
+        distance=np.stack([task.distance(s, contexts) for s in states], axis=1),
+    )

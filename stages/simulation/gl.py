@@ -1,0 +1,193 @@
+"""Which OpenGL backend draws: chosen before mujoco is imported, because mujoco reads MUJOCO_GL only then.
+
+A backend counts as working once a child process has drawn a picture with it. That costs about a second, so the
+answer is kept in the user's cache folder until the machine restarts or mujoco changes.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+import sys
+from contextlib import suppress
+from importlib import metadata
+from pathlib import Path
+
+from artifacts.errors import PlatformError, UsageError
+
+BACKENDS = ("egl", "osmesa", "glfw")
+PROBE_SECONDS = 30
+INSTALL = "apt-get install -y libegl1 libgl1-mesa-dri"
+
+_PROBE = """
+import mujoco, numpy
+model = mujoco.MjModel.from_xml_string(
+    "<mujoco><worldbody><light pos='0 0 3'/><geom type='sphere' size='.3'/></worldbody></mujoco>"
+)
+data = mujoco.MjData(model)
+mujoco.mj_forward(model, data)
+gl = mujoco.GLContext(64, 64)
+gl.make_current()
+context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_50)
+mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
+scene, camera = mujoco.MjvScene(model, maxgeom=16), mujoco.MjvCamera()
+mujoco.mjv_defaultFreeCamera(model, camera)
+mujoco.mjv_updateScene(
+    model, data, mujoco.MjvOption(), mujoco.MjvPerturb(), camera, mujoco.mjtCatBit.mjCAT_ALL, scene
+)
+viewport, pixels = mujoco.MjrRect(0, 0, 64, 64), numpy.zeros((64, 64, 3), numpy.uint8)
+mujoco.mjr_render(viewport, scene, context)
+mujoco.mjr_readPixels(pixels, None, viewport, context)
+context.free()
+gl.free()
+if pixels.min() == pixels.max():
+    raise SystemExit("it draws a blank picture")
+print("drawn")
+"""
+
+_proven: set[str] = set()
+_set_here = False
+
+
+def choose_backend(required: bool = True) -> str:
+    """Choose the GL backend and set MUJOCO_GL (and LP_NUM_THREADS, unless it is set) for this process and its children.
+
+    MUJOCO_GL decides if it is set; else the first of EGL, OSMesa and GLFW that works. Call it before anything imports
+    mujoco or dm_control; later calls are free.
+
+    Args:
+        required: Whether the caller is going to draw. If not, a machine without GL is no error.
+
+    Returns:
+        `egl`, `osmesa` or `glfw`; empty if nothing works and `required` is false.
+
+    Raises:
+        UsageError: MUJOCO_GL names no backend.
+        PlatformError: No backend works, or mujoco was imported with another one.
+    """
+    try:
+        backend = _working_backend()
+        _check_loaded(backend)
+    except PlatformError:
+        if required:
+            raise
+        return ""
+    _use(backend)
+    return backend
+
+
+def forget_backend() -> None:
+    """Forget which backend worked, here and in the cache folder: for when drawing fails all the same."""
+    global _set_here
+    _proven.clear()
+    if _set_here:
+        os.environ.pop("MUJOCO_GL", None)
+        _set_here = False
+    if (path := _cache_path()) is not None:
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
+
+
+def _working_backend() -> str:
+    requested = os.environ.get("MUJOCO_GL", "").strip().lower()
+    if requested and requested not in BACKENDS:
+        raise UsageError(f"MUJOCO_GL={requested}: expected one of {', '.join(BACKENDS)}; unset it to let ifo choose")
+    _proven.update(_read_cache())
+    reasons = []
+    for backend in (requested,) if requested else BACKENDS:
+        if backend in _proven:
+            return backend
+        if (failure := probe(backend)) is None:
+            _proven.add(backend)
+            _write_cache(_proven)
+            return backend
+        reasons.append(f"{backend}: {failure}")
+    if requested:
+        raise PlatformError(f"MUJOCO_GL={requested} does not work here ({reasons[0]}); unset it or run `{INSTALL}`")
+    raise PlatformError(f"no OpenGL backend works here ({'; '.join(reasons)}); on Debian run `{INSTALL}`")
+
+
+def probe(backend: str) -> str | None:
+    """Draw a small picture by `backend` in a child process; returns why it failed, or None."""
+    environment = os.environ | {"MUJOCO_GL": backend, "LP_NUM_THREADS": "1"}
+    environment.pop("PYOPENGL_PLATFORM", None)  # mujoco refuses a backend that does not match it.
+    try:
+        child = subprocess.run(
+            [sys.executable, "-c", _PROBE],
+            env=environment,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=PROBE_SECONDS,
+        )
+    except subprocess.TimeoutExpired:
+        return f"no picture within {PROBE_SECONDS} s"
+    if child.returncode == 0 and "drawn" in child.stdout:
+        return None
+    lines = child.stderr.strip().splitlines()
+    return lines[-1].strip()[:160] if lines else f"the probe ended with status {child.returncode}"
+
+
+def _check_loaded(backend: str) -> None:
+    """Raise PlatformError if mujoco was imported with another backend: it cannot be changed any more."""
+    mujoco = sys.modules.get("mujoco")
+    if mujoco is None:
+        return
+    context = getattr(mujoco, "GLContext", None)
+    loaded = "none" if context is None else context.__module__.rpartition(".")[2]
+    if loaded != backend:
+        raise PlatformError(
+            f"mujoco is already imported with GL backend {loaded}, not {backend}: set MUJOCO_GL={backend} before starting"
+        )
+
+
+def _use(backend: str) -> None:
+    global _set_here
+    _set_here = _set_here or not os.environ.get("MUJOCO_GL")
+    os.environ["MUJOCO_GL"] = backend
+    if backend != "glfw":
+        os.environ["PYOPENGL_PLATFORM"] = backend
+    # A 48x48 frame is too small to share among threads: Mesa's software rasteriser is fastest with one a process.
+    os.environ.setdefault("LP_NUM_THREADS", "1")
+
+
+def _cache_path() -> Path | None:
+    folder = os.environ.get("XDG_CACHE_HOME")
+    if folder:
+        return Path(folder) / "ifo" / "gl-backend"
+    try:
+        return Path.home() / ".cache" / "ifo" / "gl-backend"
+    except RuntimeError:  # No home folder: nothing is remembered.
+        return None
+
+
+def _cache_key() -> list[str]:
+    """What a probe's answer depends on."""
+    boot = ""
+    with suppress(OSError):
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    variables = ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_EGL_DEVICE_ID", "CUDA_VISIBLE_DEVICES", "LD_LIBRARY_PATH")
+    values = [os.environ.get(name, "") for name in variables]
+    return [metadata.version("mujoco"), sys.prefix, platform.node(), boot, *values]
+
+
+def _read_cache() -> list[str]:
+    path = _cache_path()
+    try:
+        kept = json.loads(path.read_text()) if path is not None else {}
+        return [b for b in kept["works"] if b in BACKENDS] if kept.get("key") == _cache_key() else []
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return []
+
+
+def _write_cache(works: set[str]) -> None:
+    path = _cache_path()
+    if path is None:
+        return
+    with suppress(OSError):  # The cache only saves time.
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_name(f"{path.name}.{os.getpid()}")
+        partial.write_text(json.dumps({"key": _cache_key(), "works": sorted(works)}))
+        partial.replace(path)

@@ -1,0 +1,57 @@
+"""The Gymnasium face: importing this module registers `ifo/Reach-v0`.
+
+    import gymnasium
+    import stages.simulation.gym
+
+    env = gymnasium.make("ifo/Reach-v0", contexts="narrow", pixels=True, render_mode="rgb_array")
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+
+if TYPE_CHECKING:
+    from stages.simulation.gym_env import SuiteEnv
+
+IDS = {"ifo/Reach-v0": "reach"}
+
+
+def make(
+    task_name: str,
+    contexts: Any = "paper",
+    observe: str = "learner",
+    pixels: bool = False,
+    render_mode: str | None = None,
+    render_size: tuple[int, int] = (240, 240),
+) -> SuiteEnv:
+    """A Gymnasium environment of the task.
+
+    Args:
+        task_name: The task's name.
+        contexts, observe, pixels: As in `stages.simulation.suite.load`.
+        render_mode: `rgb_array`, `depth_array` or None.
+        render_size: Height and width of what `render` returns, pixels.
+
+    Raises:
+        PlatformError: It is to draw, and no OpenGL backend works.
+        UsageError: There is no such distribution or observer.
+    """
+    from stages.simulation.gl import choose_backend
+
+    choose_backend(required=pixels or render_mode is not None)
+    from stages.simulation import suite
+    from stages.simulation.gym_env import SuiteEnv
+
+    return SuiteEnv(suite.load(task_name, contexts, observe=observe, pixels=pixels), render_mode, render_size)
+
+
+def register() -> None:
+    """Register the ids; does nothing where they are registered already."""
+    for name, task_name in IDS.items():
+        if name not in gymnasium.registry:
+            gymnasium.register(id=name, entry_point=f"{__name__}:make", kwargs={"task_name": task_name})
+
+
+register()

@@ -1,0 +1,204 @@
+"""Frames of many simulations at once: tiles of one offscreen buffer, in as many processes as there are cores.
+
+Threads that share one process do not draw faster than one (Mesa's software rasteriser and the driver's locks keep them
+waiting for each other); processes do.
+"""
+
+from __future__ import annotations
+
+import multiprocessing.connection
+import os
+from multiprocessing.connection import Connection
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import mujoco
+
+TILES = (8, 16)  # columns, rows of the buffer: larger gains nothing
+PIECE = TILES[0] * TILES[1]
+
+
+def pieces(n_videos: int, n_frames: int) -> list[tuple[slice, slice]]:
+    """Cut V videos of T frames into pieces that fit the buffer: slices of videos and of frames.
+
+    A frame's tile decides how its edges round, so the cut depends on the shape alone, never on how many processes
+    draw: the same request gives the same bytes everywhere.
+    """
+    if n_frames <= PIECE:
+        step = PIECE // n_frames
+        return [(slice(k, min(k + step, n_videos)), slice(0, n_frames)) for k in range(0, n_videos, step)]
+    cuts = [slice(k, min(k + PIECE, n_frames)) for k in range(0, n_frames, PIECE)]
+    return [(slice(v, v + 1), cut) for v in range(n_videos) for cut in cuts]
+
+
+class TileRenderer:
+    """Draws frames of one model into tiles of one buffer, reading it back once it is full.
+
+    Not thread-safe: use it from the thread that made it, and `close` it there.
+    """
+
+    def __init__(self, model: mujoco.MjModel, height: int, width: int):
+        import mujoco
+
+        self._mujoco = mujoco
+        self._model = mujoco.MjModel.__copy__(model)
+        self._data = mujoco.MjData(self._model)
+        self._height, self._width = height, width
+        self._columns, self._rows = TILES
+        full_width, full_height = self._columns * width, self._rows * height
+        self._model.vis.global_.offwidth = full_width
+        self._model.vis.global_.offheight = full_height
+        self._gl: Any = mujoco.GLContext(full_width, full_height)
+        self._gl.make_current()
+        self._render_context: Any = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_50)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._render_context)
+        self._scene = mujoco.MjvScene(self._model, maxgeom=max(64, 2 * self._model.ngeom))
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+        self._options = mujoco.MjvOption()
+        self._perturb = mujoco.MjvPerturb()
+        self._camera = mujoco.MjvCamera()
+        self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        self._camera.fixedcamid = self._model.camera("context").id
+        self._buffer = np.empty((full_height, full_width, 3), np.uint8)
+
+    def render(self, fields: dict[str, np.ndarray], qpos: np.ndarray) -> np.ndarray:
+        """Draw V videos of T frames.
+
+        Args:
+            fields: MjModel fields of each video's context, name -> (V, *shape).
+            qpos: Joint positions (V, T, nq).
+
+        Returns:
+            Frames (V, T, H, W, 3), uint8 RGB.
+        """
+        n_videos, n_frames = qpos.shape[:2]
+        out = np.empty((n_videos, n_frames, self._height, self._width, 3), np.uint8)
+        self._gl.make_current()
+        for videos, frames in pieces(n_videos, n_frames):
+            out[videos, frames] = self._draw({k: v[videos] for k, v in fields.items()}, qpos[videos, frames])
+        return out
+
+    def _draw(self, fields: dict[str, np.ndarray], qpos: np.ndarray) -> np.ndarray:
+        """One piece: at most a buffer's worth of frames, from the first tile on."""
+        mujoco, model, data = self._mujoco, self._model, self._data
+        viewport = mujoco.MjrRect(0, 0, self._width, self._height)
+        everything = mujoco.mjtCatBit.mjCAT_ALL
+        tile = 0
+        for video, positions in enumerate(qpos):
+            for name, values in fields.items():
+                getattr(model, name)[:] = values[video]
+            for position in positions:
+                data.qpos[:] = position
+                mujoco.mj_kinematics(model, data)
+                mujoco.mj_camlight(model, data)
+                mujoco.mjv_updateScene(
+                    model, data, self._options, self._perturb, self._camera, everything, self._scene
+                )
+                viewport.left = (tile % self._columns) * self._width
+                viewport.bottom = (tile // self._columns) * self._height
+                mujoco.mjr_render(viewport, self._scene, self._render_context)
+                tile += 1
+        return self._read_back(tile).reshape(*qpos.shape[:2], self._height, self._width, 3)
+
+    def _read_back(self, tiles: int) -> np.ndarray:
+        """Frames (tiles, H, W, 3) of the buffer's first tiles; the buffer's rows run upwards."""
+        rows = -(-tiles // self._columns)
+        used = self._mujoco.MjrRect(0, 0, self._columns * self._width, rows * self._height)
+        pixels = self._buffer[: rows * self._height]
+        self._mujoco.mjr_readPixels(pixels, None, used, self._render_context)
+        grid = pixels.reshape(rows, self._height, self._columns, self._width, 3)[:, ::-1]
+        return grid.swapaxes(1, 2).reshape(-1, self._height, self._width, 3)[:tiles]
+
+    def close(self) -> None:
+        """Free the GL context; without it the interpreter prints ignored exceptions when it ends."""
+        if self._gl is not None:
+            self._render_context.free()
+            self._gl.free()
+            self._gl = None
+
+
+def _serve(connection: Connection, xml: str, height: int, width: int) -> None:
+    """A render process: answers (fields, qpos) with frames until it is told None."""
+    import mujoco
+
+    renderer = TileRenderer(mujoco.MjModel.from_xml_string(xml), height, width)
+    try:
+        while (request := connection.recv()) is not None:
+            connection.send_bytes(memoryview(renderer.render(*request)).cast("B"))
+    except (EOFError, KeyboardInterrupt):
+        pass
+    finally:
+        renderer.close()
+
+
+class RenderPool:
+    """`workers` processes that draw frames of one model side by side. One worker draws in this process."""
+
+    def __init__(self, xml: str, height: int, width: int, workers: int):
+        import mujoco
+
+        self._size = (height, width)
+        self._local: TileRenderer | None = None
+        self._connections: list[Connection] = []
+        self._processes: list[Any] = []
+        if workers <= 1:
+            self._local = TileRenderer(mujoco.MjModel.from_xml_string(xml), height, width)
+            return
+        os.environ.setdefault("LP_NUM_THREADS", "1")
+        spawn = multiprocessing.get_context("spawn")
+        for _ in range(workers):
+            ours, theirs = spawn.Pipe()
+            process = spawn.Process(target=_serve, args=(theirs, xml, height, width), daemon=True)
+            process.start()
+            theirs.close()
+            self._connections.append(ours)
+            self._processes.append(process)
+
+    def render(self, fields: dict[str, np.ndarray], qpos: np.ndarray) -> np.ndarray:
+        """Frames (V, T, H, W, 3) of V videos; as `TileRenderer.render`."""
+        if self._local is not None:
+            return self._local.render(fields, qpos)
+        cuts = pieces(*qpos.shape[:2])
+        out = np.empty((*qpos.shape[:2], *self._size, 3), np.uint8)
+        waiting = list(reversed(range(len(cuts))))
+        drawing: dict[Any, int] = {}
+
+        def send_next(connection: Connection) -> None:
+            """Give a process one piece. Never two: both ends would wait for the other to read."""
+            if waiting:
+                drawing[connection] = index = waiting.pop()
+                videos, frames = cuts[index]
+                connection.send(({k: v[videos] for k, v in fields.items()}, qpos[videos, frames]))
+
+        for connection in self._connections:
+            send_next(connection)
+        while drawing:
+            for ready in multiprocessing.connection.wait(list(drawing)):
+                frames_of_piece = out[cuts[drawing.pop(ready)]]
+                pixels = np.frombuffer(ready.recv_bytes(), np.uint8)
+                send_next(ready)
+                frames_of_piece[:] = pixels.reshape(frames_of_piece.shape)
+        return out
+
+    def close(self) -> None:
+        """End the processes and free their GL contexts."""
+        if self._local is not None:
+            self._local.close()
+        for connection in self._connections:
+            try:
+                connection.send(None)
+                connection.close()
+            except OSError:
+                pass  # The process is gone already.
+        for process in self._processes:
+            process.join(timeout=5)
+        self._connections, self._processes = [], []
+
+    def __enter__(self) -> RenderPool:
+        return self
+
+    def __exit__(self, *exc_info: object) -> None:
+        self.close()

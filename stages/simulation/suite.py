@@ -1,0 +1,206 @@
+"""The dm_control face: the same tasks, contexts and frames as the batch, one simulation at a time, suite style.
+
+GL is loaded when this module is imported: call `stages.simulation.gl.choose_backend` first.
+
+    env = suite.load("reach", contexts="paper", seed=0)
+    time_step = env.reset()
+    frame = suite.frame(env.physics)
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from dm_control import mujoco
+from dm_control.rl import control
+from dm_control.suite import base
+
+from artifacts.errors import UsageError
+from stages.seeding import generator
+from stages.simulation.contexts import DISTRIBUTIONS, ContextDistribution, Contexts
+from stages.simulation.task import State, Task
+from stages.simulation.tasks import distribution, make_task
+
+DrawContexts = Callable[[np.random.Generator, int], Contexts]
+
+CAMERA = "context"
+OBSERVERS = ("learner", "expert")
+
+
+class Physics(mujoco.Physics):
+    """Physics of one simulation of a task."""
+
+    def task_state(self) -> State:
+        """The state as tasks read it, leading axis 1; its arrays are copies."""
+        return State(
+            qpos=np.array(self.data.qpos)[None],
+            qvel=np.array(self.data.qvel)[None],
+            site_xpos=np.array(self.data.site_xpos)[None],
+            time=np.array([self.data.time]),
+        )
+
+    def render(self, *args: Any, **kwargs: Any) -> np.ndarray:
+        """A camera's view; as `dm_control.mujoco.Physics.render`."""
+        self._make_current()
+        return super().render(*args, **kwargs)
+
+    def free(self) -> None:
+        """Free the GL context and the simulation. May be called twice."""
+        if self._contexts:
+            self._make_current()
+        super().free()
+
+    def _make_current(self) -> None:
+        """Make the GL context current even if dm_control believes that it is: another renderer may have come between."""
+        gl = self.contexts.gl
+        with gl.make_current() as thread:
+            thread.call(gl._platform_make_current)
+
+
+class Environment(control.Environment):
+    """dm_control's environment; `close` frees the GL context, which must happen before the interpreter ends."""
+
+    def close(self) -> None:
+        self.physics.free()
+
+
+class SuiteTask(base.Task):
+    """A `stages.simulation.task.Task` as a dm_control task.
+
+    Attributes:
+        task: The task.
+        contexts: The running episode's context, leading axis 1.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        contexts: str | ContextDistribution | DrawContexts = "paper",
+        seed: int | None = None,
+        random: np.random.RandomState | int | None = None,
+        observe: str = "learner",
+        pixels: bool = False,
+    ):
+        """Make the task.
+
+        Args:
+            contexts: A distribution, or its name, or a function (rng, n) -> contexts.
+            seed: If given, episode k is what `seeding.generator(seed, "episode", k)` draws, as in the batch.
+            random: Without a seed: the random state that episodes are drawn from, as elsewhere in dm_control.
+            observe: `learner` (its own body and the time) or `expert` (the sites and the goal as well).
+            pixels: Whether frames are among the observations.
+
+        Raises:
+            UsageError: There is no such distribution or observer.
+        """
+        super().__init__(random)
+        if observe not in OBSERVERS:
+            raise UsageError(f"observe={observe!r}: expected one of {', '.join(OBSERVERS)}")
+        self.task = task
+        self.seed(seed)
+        self._draw_contexts = _drawer(task, contexts)
+        self._expert = observe == "expert"
+        self._pixels = pixels
+        self._action = np.zeros((1, task.action_size))
+        self._initial_distance = 1.0
+        # dm_control asks for the observations' shapes before the first episode.
+        self.contexts = task.draw_contexts(np.random.default_rng(0), 1, DISTRIBUTIONS["fixed"])
+
+    def seed(self, seed: int | None) -> None:
+        """Start again at episode 0 of `seed`; None: episodes are drawn from the random state."""
+        self._seed, self._episode = seed, 0
+
+    def _generator(self) -> np.random.Generator:
+        if self._seed is None:
+            return generator(int(self.random.randint(2**31)), "episode", 0)
+        self._episode += 1
+        return generator(self._seed, "episode", self._episode - 1)
+
+    def initialize_episode(self, physics: Physics) -> None:
+        """Draw a context and a state, and write them into the physics."""
+        rng = self._generator()
+        self.contexts = self._draw_contexts(rng, 1)
+        qpos, qvel = self.task.draw_states(rng, self.contexts)
+        for name, values in self.task.model_fields(self.contexts).items():
+            getattr(physics.model, name)[:] = values[0]
+        physics.data.qpos[:], physics.data.qvel[:] = qpos[0], qvel[0]
+        physics.forward()
+        self._action[:] = 0.0
+        self._initial_distance = self.distance(physics)
+
+    def before_step(self, action: Any, physics: Physics) -> None:
+        """Hold `action`, clipped to [-1, 1]."""
+        self._action[0] = np.clip(getattr(action, "continuous_actions", action), -1.0, 1.0)
+        physics.set_control(self._action[0])
+
+    def get_observation(self, physics: Physics) -> OrderedDict[str, np.ndarray]:
+        """Position, velocity and time; for the expert the sites and the goal; frames on request."""
+        state = physics.task_state()
+        observation = OrderedDict(position=state.qpos[0], velocity=state.qvel[0], time=state.time)
+        if self._expert:
+            observation["sites"] = state.site_xpos[0].ravel()
+            observation["goal"] = np.array(self.contexts["goal"][0])
+        if self._pixels:
+            observation["pixels"] = frame(physics, self.task.frame_size)
+        return observation
+
+    def get_reward(self, physics: Physics) -> float:
+        """The reward that experts learn from."""
+        return float(self.task.expert_reward(physics.task_state(), self._action, self.contexts)[0])
+
+    def distance(self, physics: Physics) -> float:
+        """Distance to the goal, metres."""
+        return float(self.task.distance(physics.task_state(), self.contexts)[0])
+
+    def normalised_distance(self, physics: Physics) -> float:
+        """Distance over the distance at the episode's start, the paper's metric."""
+        return self.distance(physics) / self._initial_distance
+
+
+def _drawer(task: Task, contexts: str | ContextDistribution | DrawContexts) -> DrawContexts:
+    if isinstance(contexts, str):
+        contexts = distribution(contexts)
+    if isinstance(contexts, ContextDistribution):
+        drawn_from = contexts
+        return lambda rng, n: task.draw_contexts(rng, n, drawn_from)
+    return contexts
+
+
+def load(
+    task_name: str = "reach",
+    contexts: str | ContextDistribution | DrawContexts = "paper",
+    seed: int | None = None,
+    random: np.random.RandomState | int | None = None,
+    observe: str = "learner",
+    pixels: bool = False,
+    environment_kwargs: dict[str, Any] | None = None,
+) -> Environment:
+    """A dm_control environment of the task: an episode of 50 control steps in a context of its own.
+
+    Args:
+        task_name: The task's name.
+        contexts, seed, random, observe, pixels: As in `SuiteTask`.
+        environment_kwargs: For `control.Environment`, such as `flat_observation`.
+
+    Raises:
+        UsageError: There is no such task, distribution or observer.
+    """
+    task = make_task(task_name)
+    root = task.build()
+    physics = Physics.from_xml_string(root.to_xml_string(), root.get_assets())
+    return Environment(
+        physics,
+        SuiteTask(task, contexts, seed, random, observe, pixels),
+        # Half a step less than the horizon: rounding must not make an episode one step longer.
+        time_limit=(task.control_steps - 0.5) * task.control_timestep,
+        n_sub_steps=task.substeps,
+        **(environment_kwargs or {}),
+    )
+
+
+def frame(physics: mujoco.Physics, size: tuple[int, int] = (48, 48)) -> np.ndarray:
+    """The frame (H, W, 3), uint8 RGB, that the context's camera sees: what the batch renderer draws."""
+    return physics.render(*size, camera_id=CAMERA)

@@ -1,0 +1,118 @@
+"""What a task is: one definition, written for arrays of simulations, that every face of it shares."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stages.simulation.contexts import ContextDistribution, Contexts
+
+if TYPE_CHECKING:
+    import mujoco
+    from dm_control import mjcf
+
+
+@dataclass(frozen=True)
+class State:
+    """Where `n` simulations are.
+
+    Attributes:
+        qpos: Joint positions (n, nq), radians.
+        qvel: Joint velocities (n, nv), radians a second.
+        site_xpos: World positions of the model's sites (n, nsite, 3), metres.
+        time: Time since the episode's start (n,), seconds.
+    """
+
+    qpos: np.ndarray
+    qvel: np.ndarray
+    site_xpos: np.ndarray
+    time: np.ndarray
+
+
+class Task(ABC):
+    """A manipulation task, defined once for the batch, dm_control and Gymnasium.
+
+    Attributes:
+        name: What the command line calls it.
+        frame_size: Height and width of a frame, pixels.
+        control_steps: Control steps an episode.
+        substeps: Physics steps a control step.
+        frame_every: Control steps between two frames.
+        success_threshold: Normalised final distance below which a run succeeds (the paper's criterion).
+        expert_threshold: Normalised final distance below which a demonstration is kept.
+    """
+
+    name: str
+    frame_size: tuple[int, int] = (48, 48)
+    control_steps: int = 50
+    substeps: int = 5
+    frame_every: int = 2
+    success_threshold: float = 0.5
+    expert_threshold: float = 0.3
+
+    @property
+    def frames(self) -> int:
+        """Frames a video, T: one at every `frame_every`-th control step, the first at the start."""
+        return self.control_steps // self.frame_every
+
+    @abstractmethod
+    def build(self) -> mjcf.RootElement:
+        """The MJCF model."""
+
+    @cached_property
+    def model(self) -> mujoco.MjModel:
+        """The compiled model. Shared: copy before writing to it."""
+        import mujoco
+
+        root = self.build()
+        return mujoco.MjModel.from_xml_string(root.to_xml_string(), root.get_assets())
+
+    @property
+    def control_timestep(self) -> float:
+        """Seconds between two actions."""
+        return float(self.model.opt.timestep) * self.substeps
+
+    @property
+    def horizon(self) -> float:
+        """Seconds an episode."""
+        return self.control_timestep * self.control_steps
+
+    @property
+    def action_size(self) -> int:
+        return int(self.model.nu)
+
+    @abstractmethod
+    def draw_contexts(self, rng: np.random.Generator, n: int, distribution: ContextDistribution) -> Contexts:
+        """Draw `n` contexts."""
+
+    @abstractmethod
+    def model_fields(self, contexts: Contexts) -> dict[str, np.ndarray]:
+        """The MjModel fields that show `contexts`: name -> (n, *shape of the field)."""
+
+    @abstractmethod
+    def context_state(self, contexts: Contexts) -> tuple[np.ndarray, np.ndarray]:
+        """The state that a context's first frame o_0 shows: qpos (n, nq), qvel (n, nv)."""
+
+    @abstractmethod
+    def draw_states(self, rng: np.random.Generator, contexts: Contexts) -> tuple[np.ndarray, np.ndarray]:
+        """Draw an episode's initial state in each context: qpos (n, nq), qvel (n, nv)."""
+
+    @abstractmethod
+    def observe(self, state: State) -> np.ndarray:
+        """What the learner's policy sees, (n, D): its own body and the time, never the goal."""
+
+    @abstractmethod
+    def observe_expert(self, state: State, contexts: Contexts) -> np.ndarray:
+        """What the expert sees, (n, D): the state, the time and the goal."""
+
+    @abstractmethod
+    def expert_reward(self, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
+        """Hand-written reward (n,) of arriving in `state` by `action` (n, nu)."""
+
+    @abstractmethod
+    def distance(self, state: State, contexts: Contexts) -> np.ndarray:
+        """Distance (n,) of the task's object to its goal, metres."""

@@ -1,0 +1,30 @@
+"""Torch state dicts as trees of NumPy arrays and plain numbers, the form that checkpoints hold, and back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+
+
+def to_tree(value: Any) -> Any:
+    """Replace every tensor in nested dicts, lists and tuples by a NumPy copy."""
+    if isinstance(value, torch.Tensor):
+        return value.detach().cpu().numpy().copy()
+    if isinstance(value, dict):
+        return {key: to_tree(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(to_tree(item) for item in value)
+    return value
+
+
+def from_tree(value: Any) -> Any:
+    """Replace every NumPy array in nested dicts, lists and tuples by a tensor."""
+    if isinstance(value, np.ndarray):
+        return torch.from_numpy(np.array(value))
+    if isinstance(value, dict):
+        return {key: from_tree(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(from_tree(item) for item in value)
+    return value

@@ -1,0 +1,109 @@
+"""train-expert: learn the task from its hand-written reward, in random contexts, seeing the state and the goal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from artifacts import Artifact, default_path, read_artifact, remove_checkpoint, write_artifact
+from stages.configs import ExpertConfig
+from stages.run import RunOptions, StageResult, environment, full_config, pick_device, pick_workers
+from stages.seeding import generator
+from stages.simulation.contexts import Contexts, repeat, take
+from stages.simulation.task import State, Task
+
+CONSISTENT_SPREAD = 0.15  # radians
+
+
+def train_expert(task_name: str, config: ExpertConfig, run: RunOptions) -> StageResult:
+    """Train an expert, test it, and write the `expert` artifact.
+
+    The test draws fresh contexts and measures the normalised final distance, and how consistent the expert is: the
+    standard deviation of its final joint angles over episodes in one context, the initial noise redrawn.
+    """
+    from stages.learners.environment import EpisodeEnv
+    from stages.learners.loop import curve_arrays, learn
+    from stages.learners.policy import Policy, policy_weights
+    from stages.rewards.state import ExpertReward
+    from stages.simulation.tasks import distribution, make_task
+    from stages.threads import use_threads
+
+    task = make_task(task_name)
+    device = pick_device(run.device)
+    workers = use_threads(pick_workers(run.workers))
+    out = run.out or default_path(Path("runs"), f"{task_name}-{run.preset}", "expert")
+    contexts = distribution(config.contexts)
+    env = EpisodeEnv(
+        task,
+        config.episodes,
+        run.seed,
+        lambda rng, n: task.draw_contexts(rng, n, contexts),
+        ExpertReward(task),
+        expert=True,
+        nthread=workers,
+    )
+    described = full_config("train-expert", config, run, task=task_name)
+    described |= {"observation_size": env.observation_space.shape[0], "action_size": task.action_size}
+    model, curve = learn(env, config, run, out, "train-expert", described, [], device)
+    report = _test(task, Policy.of(model), config, run)
+    distances, spread = report["test/normalised_distance"], report["test/spread"]
+    success = float((distances < task.expert_threshold).mean())
+    consistent = float((spread.max(axis=1) < CONSISTENT_SPREAD).mean())
+    run.progress.say(
+        f"expert: {100 * success:.1f}% of {len(distances)} contexts end below {task.expert_threshold} of the initial "
+        f"distance (mean {distances.mean():.3f}); final joint angles vary by {np.median(spread.max(axis=1)):.3f} rad "
+        f"(median over contexts of the standard deviation, largest joint), below {CONSISTENT_SPREAD} rad in "
+        f"{100 * consistent:.1f}%"
+    )
+    arrays = policy_weights(model) | curve_arrays(curve) | report
+    write_artifact(
+        out,
+        "expert",
+        arrays,
+        config=described,
+        seed=run.seed,
+        command=run.command,
+        environment=environment(device),
+    )
+    remove_checkpoint(out)
+    summary = {
+        "success": success,
+        "normalised_distance": float(distances.mean()),
+        "consistent": consistent,
+        "spread_rad": float(np.median(spread.max(axis=1))),
+    }
+    return StageResult(out, summary)
+
+
+def _test(task: Task, policy, config: ExpertConfig, run: RunOptions) -> dict[str, np.ndarray]:
+    """Normalised final distances (C,) in fresh contexts, and final joint angles' spread (C, nq) over episodes."""
+    from stages.simulation.batch import rollout
+    from stages.simulation.tasks import distribution
+
+    rng = generator(run.seed, "expert-test")
+    contexts = task.draw_contexts(rng, config.test_contexts, distribution(config.contexts))
+
+    def act(state: State, where: Contexts) -> np.ndarray:
+        return policy.act(task.observe_expert(state, where))
+
+    distances = rollout(task, contexts, *task.draw_states(rng, contexts), act).normalised_distance
+    spread = []
+    for k in range(config.test_contexts):
+        same = repeat(take(contexts, slice(k, k + 1)), config.test_episodes)
+        spread.append(rollout(task, same, *task.draw_states(rng, same), act).qpos[:, -1].std(axis=0))
+    return {"test/normalised_distance": distances, "test/spread": np.stack(spread)}
+
+
+def load_expert(path: str | Path, task_name: str) -> Artifact:
+    """The expert artifact at `path`, of task `task_name`.
+
+    Raises:
+        ArtifactError: No expert of that task.
+    """
+    from artifacts import ArtifactError
+
+    artifact = read_artifact(path, "expert")
+    if artifact.config["task"] != task_name:
+        raise ArtifactError(f"{path} is an expert of {artifact.config['task']}, expected one of {task_name}")
+    return artifact

@@ -1,0 +1,95 @@
+"""train-translator: learn to translate demonstrations between contexts (Sec. IV)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from artifacts import Artifact, ArtifactError, default_path, read_artifact, remove_checkpoint, stem_of, write_artifact
+from stages.configs import TranslatorConfig
+from stages.run import RunOptions, StageResult, environment, full_config, pick_device, pick_workers
+
+METRICS = ("psnr", "copy_psnr", "ssim", "copy_ssim", "trans", "copy_trans", "rec", "align", "feature_ratio")
+
+
+def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> StageResult:
+    """Train on all but the held-out demonstrations and write the `translator` artifact.
+
+    The contexts that a demos artifact keeps for audits are never read.
+    """
+    import torch
+
+    from stages.threads import use_threads
+    from stages.translation.evaluation import evaluate_translator
+    from stages.translation.training import TranslatorTraining, train
+
+    source = read_artifact(demos, "demos")
+    device = pick_device(run.device)
+    use_threads(pick_workers(run.workers))
+    out = run.out or default_path(source.path.parent, stem_of(source.path), "translator")
+    frames = torch.from_numpy(source["frames"])
+    held_out = held_out_count(len(frames), config.held_out)
+    if len(frames) - held_out < 2:
+        raise ArtifactError(f"{demos} holds {len(frames)} demonstrations, expected 4 or more: collect more with -n")
+    training = TranslatorTraining(config, frames[:-held_out], run.seed, device)
+    described = full_config("train-translator", config, run, task=source.config.get("task"))
+    described |= {"demonstrations": len(frames), "held_out_demonstrations": held_out, "size": list(frames.shape[2:4])}
+    curve = train(
+        training,
+        lambda model: evaluate_translator(model, frames[-held_out:], device),
+        run,
+        out,
+        described,
+        [source.path],
+    )
+    metrics = {name: curve[f"held_out/{name}"][-1] for name in METRICS}
+    run.progress.say(
+        f"held out: {metrics['psnr']:.2f} dB PSNR (copying the context: {metrics['copy_psnr']:.2f}), "
+        f"SSIM {metrics['ssim']:.3f} ({metrics['copy_ssim']:.3f}), feature ratio {metrics['feature_ratio']:.2f}"
+    )
+    write_artifact(
+        out,
+        "translator",
+        {
+            **{f"weights/{k}": v.detach().cpu().numpy() for k, v in training.average.state_dict().items()},
+            **{f"curve/{name}": np.asarray(values) for name, values in curve.items()},
+            **{f"metrics/{name}": np.asarray(value) for name, value in metrics.items()},
+        },
+        config=described,
+        seed=run.seed,
+        command=run.command,
+        parents=[source.path],
+        environment=environment(device),
+    )
+    remove_checkpoint(out)
+    return StageResult(out, metrics)
+
+
+def held_out_count(demonstrations: int, wanted: int) -> int:
+    """Demonstrations that are never trained on, the last ones of the file: `wanted`, but at most a fifth."""
+    return max(min(wanted, demonstrations // 5), 1)
+
+
+def load_translator(artifact: Artifact, device: str = "cpu"):
+    """The network that a translator artifact holds, in evaluation mode.
+
+    Raises:
+        ArtifactError: The weights do not fit the architecture that the artifact names.
+    """
+    import torch
+
+    from stages.configs import ARCHITECTURES
+    from stages.translation.networks import make_translator
+
+    arch, size = artifact.config.get("arch"), artifact.config.get("size")
+    if arch not in ARCHITECTURES or not size:
+        raise ArtifactError(f"{artifact.path}: architecture {arch!r} is unknown, expected {' or '.join(ARCHITECTURES)}")
+    with torch.random.fork_rng(devices=[]):
+        model = make_translator(arch, tuple(size))
+    try:
+        model.load_state_dict({name: torch.from_numpy(value) for name, value in artifact.group("weights").items()})
+    except RuntimeError as error:
+        reason = " ".join(str(error).split())
+        raise ArtifactError(f"{artifact.path}: the weights do not fit architecture {arch} ({reason})") from error
+    return model.to(device).eval().requires_grad_(False)

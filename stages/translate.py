@@ -1,0 +1,186 @@
+"""translate: what would the expert do in the learner's context? Translates demonstrations into it (Sec. V.A)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from artifacts import (
+    Artifact,
+    ArtifactError,
+    UsageError,
+    default_path,
+    read_artifact,
+    read_png,
+    sibling,
+    stem_of,
+    tile_videos,
+    write_artifact,
+    write_mp4,
+)
+from stages.configs import TranslateConfig
+from stages.run import RunOptions, StageResult, environment, full_config, pick_device, pick_workers
+from stages.seeding import generator
+from stages.simulation.contexts import Contexts
+
+SHOWN = 4  # demonstrations in the MP4 grid
+CHUNK = 16  # demonstrations translated at a time
+
+
+def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> StageResult:
+    """Translate demonstrations into the learner's context; write the `translation` artifact and an MP4 grid.
+
+    Raises:
+        ArtifactError: The translator's demonstrations are missing, or not the ones that it was trained on.
+        UsageError: A context image of another size.
+    """
+    import torch
+
+    from stages.simulation.gl import choose_backend
+    from stages.threads import use_threads
+    from stages.train_translator import load_translator
+    from stages.translation.networks import to_frames, to_images
+
+    choose_backend()
+    source = read_artifact(translator, "translator")
+    demos = source.parent("demos", check=True)
+    device = pick_device(run.device)
+    workers = use_threads(pick_workers(run.workers))
+    model = load_translator(source, device)
+    out = run.out or default_path(source.path.parent, f"{stem_of(source.path)}-c{config.context_seed}", "translation")
+    if config.context_image:
+        contexts, frame, truth = None, _read_context(config.context_image, tuple(source.config["size"])), None
+    else:
+        contexts, frame, truth = _simulate_context(config, demos, workers)
+
+    count, held_out = source.config["demonstrations"], source.config["held_out_demonstrations"]
+    candidates = np.arange(0 if config.split == "all" else count - held_out, count)
+    chosen = np.sort(generator(run.seed, "translate").permutation(candidates)[: config.n])
+    frames = np.stack([demos.read("frames", int(k)) for k in chosen])
+    features, images = [], []
+    context_image = to_images(torch.from_numpy(frame[None].copy()).to(device))
+    with torch.no_grad(), run.progress.bar("translate", len(frames), "demos") as bar:
+        context = model.encode_context(context_image)
+        for start in range(0, len(frames), CHUNK):
+            videos = to_images(torch.from_numpy(frames[start : start + CHUNK]).to(device))
+            z3 = model.translate(model.encode(videos.flatten(0, 1)), context)
+            decoded = model.decode(z3, context)
+            features.append(z3.unflatten(0, videos.shape[:2]).cpu())
+            images.append(decoded.unflatten(0, videos.shape[:2]).cpu())
+            bar.update(min(start + CHUNK, len(frames)))
+    all_features, all_images = torch.cat(features), torch.cat(images)
+    target_features, target_images = all_features.mean(dim=0), all_images.mean(dim=0)
+    arrays: dict[str, np.ndarray] = {
+        "context_frame": frame,
+        "target_features": target_features.numpy(),
+        "target_images": target_images.movedim(1, -1).add(1).mul(127.5).numpy(),
+        "features": all_features.numpy(),
+        "images": to_frames(all_images).numpy(),
+        "demonstrations": chosen,
+        **_scales(target_features, target_images),
+    }
+    metrics: dict[str, float] = {}
+    if contexts is not None and truth is not None:
+        arrays |= {f"contexts/{name}": values for name, values in contexts.items()}
+        arrays |= _truth(model, truth, device, arrays, metrics)
+        run.progress.say(
+            f"mean translation against the expert's video in this context: {metrics['psnr']:.2f} dB PSNR (copying the "
+            f"context: {metrics['copy_psnr']:.2f}), error {metrics['image_ratio']:.2f} of copying it in pixels, "
+            f"{metrics['feature_ratio']:.2f} of the features' own motion in features (below 1 leads the right way)"
+        )
+    described = full_config("translate", config, run, task=source.config.get("task"))
+    write_artifact(
+        out,
+        "translation",
+        arrays | {f"metrics/{name}": np.asarray(value) for name, value in metrics.items()},
+        config=described,
+        seed=run.seed,
+        command=run.command,
+        parents=[source.path],
+        environment=environment(device),
+    )
+    rows = [[frames[k], frame, arrays["images"][k], *([] if truth is None else [truth])] for k in range(len(frames))]
+    mean_row = [frames[0], frame, np.clip(arrays["target_images"], 0, 255).round().astype(np.uint8)]
+    labels = ["source", "context", "translation", *([] if truth is None else ["expert here"])]
+    grid = [*rows[:SHOWN], [np.zeros_like(frames[0]), *mean_row[1:], *([] if truth is None else [truth])]]
+    write_mp4(sibling(out, ".mp4"), tile_videos(grid, labels=labels), fps=10)
+    return StageResult(out, {**metrics, "demonstrations": len(frames), "video": str(sibling(out, ".mp4"))})
+
+
+def _read_context(path: str, size: tuple[int, ...]) -> np.ndarray:
+    """The context frame of a PNG, which must have the translator's frame size."""
+    image = read_png(path)
+    if image.shape[:2] != size:
+        height, width = size
+        raise UsageError(
+            f"--context-image {path}: {image.shape[1]}x{image.shape[0]} pixels, expected {width}x{height}; resize it"
+        )
+    return image
+
+
+def _simulate_context(
+    config: TranslateConfig, demos: Artifact, workers: int
+) -> tuple[Contexts, np.ndarray, np.ndarray]:
+    """The learner's context (leading axis 1), its first frame, and the expert's video (T, H, W, 3) in it."""
+    from stages.collect_demos import expert_video
+    from stages.simulation.render import RenderPool
+    from stages.simulation.tasks import distribution, make_task
+
+    task = make_task(demos.config["task"])
+    contexts = learner_context(task, config.context_seed, distribution(config.contexts or demos.config["contexts"]))
+    with RenderPool(task.build().to_xml_string(), *task.frame_size, 1) as pool:
+        truth = expert_video(task, demos.parent("expert").path, contexts, pool)[0]
+    return contexts, truth[0], truth
+
+
+def learner_context(task, context_seed: int, drawn_from) -> Contexts:
+    """The learner's context omega_l (leading axis 1): a stream of its own, which no demonstration is drawn from."""
+    return task.draw_contexts(generator(context_seed, "learner-context"), 1, drawn_from)
+
+
+def _scales(features: Any, images: Any) -> dict[str, np.ndarray]:
+    """What the reward's terms are divided by: the targets' own spread."""
+    from stages.rewards.translation import spread
+
+    return {"feature_scale": np.asarray(spread(features)), "image_scale": np.asarray(spread(images))}
+
+
+def _truth(
+    model: Any, truth: np.ndarray, device: str, arrays: dict[str, np.ndarray], metrics: dict[str, float]
+) -> dict[str, np.ndarray]:
+    """The expert's own video and features here, as a perfect translation; fills in `metrics`."""
+    import torch
+
+    from stages.translation.metrics import feature_ratio, psnr, squared_error
+    from stages.translation.networks import to_images
+
+    video = to_images(torch.from_numpy(truth.copy())).to(device)
+    with torch.no_grad():
+        features = model.encode(video).cpu()
+    video = video.cpu()
+    target = torch.from_numpy(arrays["target_images"]).movedim(-1, 1) / 127.5 - 1
+    copied = video[:1].expand_as(video)
+    metrics |= {
+        "psnr": float(psnr(target, video)[1:].mean()),
+        "copy_psnr": float(psnr(copied, video)[1:].mean()),
+        "image_ratio": float(squared_error(target, video).sum() / squared_error(copied, video).sum()),
+        "feature_ratio": float(feature_ratio(torch.from_numpy(arrays["target_features"]), features)),
+    }
+    return {"expert_frames": truth, "expert_features": features.numpy()}
+
+
+def load_translation(path: Path) -> Artifact:
+    """The translation at `path`, with a simulated context to learn in.
+
+    Raises:
+        ArtifactError: It was made from an image, not from a simulated context.
+    """
+    artifact = read_artifact(path, "translation")
+    if not artifact.names("contexts"):
+        raise ArtifactError(
+            f"{path} was translated into the context of an image, expected a simulated context to learn in; "
+            "translate with --context-seed instead"
+        )
+    return artifact

@@ -1,0 +1,54 @@
+"""Held-out metrics of a translator, each beside copying the context frame."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from stages.translation.metrics import feature_ratio, psnr, squared_error, ssim
+from stages.translation.networks import Translator, to_images
+
+CHUNK = 8  # videos at a time
+
+
+@torch.no_grad()
+def evaluate_translator(model: Translator, frames: Tensor, device: str, limit: int = 32) -> dict[str, float]:
+    """Translate each of the first `limit` held-out demonstrations into the context of the next one.
+
+    Args:
+        frames: Held-out demonstrations (N, T, H, W, 3), uint8; two at least.
+
+    Returns:
+        Means over frames 1..T-1 (frame 0 is the context itself) of `psnr` (dB), `ssim`, `trans`, `rec` (sums of
+        squared differences a frame in [0, 1]) and `align` (a sum over features), the same of copying the context
+        frame (`copy_psnr`, `copy_ssim`, `copy_trans`), and the median `feature_ratio`.
+    """
+    count = min(limit, len(frames))
+    totals: dict[str, list[Tensor]] = {}
+    for start in range(0, count, CHUNK):
+        index = torch.arange(start, min(start + CHUNK, count))
+        target = to_images(frames[index].to(device))
+        source = to_images(frames[(index + 1) % len(frames)].to(device))
+        videos, times = target.shape[:2]
+        context = model.encode_context(target[:, 0])
+        features = model.encode(target.flatten(0, 1))
+        z3 = model.translate(model.encode(source.flatten(0, 1)), context)
+        translated = model.decode(z3, context).unflatten(0, (videos, times))[:, 1:]
+        decoded = model.decode(features, context).unflatten(0, (videos, times))[:, 1:]
+        truth, copied = target[:, 1:], target[:, :1].expand(-1, times - 1, -1, -1, -1)
+        z, z3 = features.unflatten(0, (videos, times)), z3.unflatten(0, (videos, times))
+        values = {
+            "psnr": psnr(translated, truth),
+            "copy_psnr": psnr(copied, truth),
+            "ssim": ssim(translated.flatten(0, 1), truth.flatten(0, 1)),
+            "copy_ssim": ssim(copied.flatten(0, 1), truth.flatten(0, 1)),
+            "trans": squared_error(translated, truth),
+            "copy_trans": squared_error(copied, truth),
+            "rec": squared_error(decoded, truth),
+            "align": (z3 - z).square().sum(dim=-1)[:, 1:],
+            "feature_ratio": feature_ratio(z3, z),
+        }
+        for name, value in values.items():
+            totals.setdefault(name, []).append(value.flatten())
+    joined = {name: torch.cat(parts) for name, parts in totals.items()}
+    return {name: float(v.median() if name == "feature_ratio" else v.mean()) for name, v in joined.items()}

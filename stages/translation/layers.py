@@ -1,0 +1,84 @@
+"""Layers of the translators. Throughout: P pairs, K frames a pair; contexts are encoded once a pair."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+LEAK = 0.2
+
+
+def he_initialise(module: nn.Module) -> None:
+    """He initialisation with zero biases, in place.
+
+    With PyTorch's defaults the features start so small that L_align pulls them to nothing before the decoder has
+    learned to read them, and the translator collapses to copying its context.
+    """
+    for layer in module.modules():
+        if isinstance(layer, nn.Conv2d | nn.ConvTranspose2d | nn.Linear):
+            if isinstance(layer, nn.ConvTranspose2d):
+                # Each output pixel of a stride-s transposed convolution sums kernel^2 / s^2 taps of every channel.
+                taps = layer.kernel_size[0] * layer.kernel_size[1] / (layer.stride[0] * layer.stride[1])
+                gain = nn.init.calculate_gain("leaky_relu", LEAK)
+                nn.init.normal_(layer.weight, std=gain / (layer.in_channels * taps) ** 0.5)
+            else:
+                nn.init.kaiming_normal_(layer.weight, a=LEAK)
+            if layer.bias is not None:
+                nn.init.zeros_(layer.bias)
+
+
+class SkipConvTranspose2d(nn.ConvTranspose2d):
+    """A stride-2 transposed convolution over the concatenation of its input and a skip from the context encoder.
+
+    The skip belongs to a pair, the input to each of the pair's frames. Convolution is linear, so the skip's half is
+    computed once a pair and added to every frame: the same mathematics in fewer operations.
+    """
+
+    def __init__(self, channels: int, skip_channels: int, out_channels: int, kernel: int):
+        padding = (kernel - 1) // 2
+        super().__init__(channels + skip_channels, out_channels, kernel, stride=2, padding=padding)
+        self.split = channels
+
+    def forward_split(self, x: Tensor, skip: Tensor, size: tuple[int, int]) -> Tensor:
+        """x (P * K, C, h, w) and skip (P, S, h, w) -> (P * K, O, *size)."""
+        extra = self._extra(x, size)
+        y = F.conv_transpose2d(x, self.weight[: self.split], self.bias, 2, self.padding, extra)
+        shared = F.conv_transpose2d(skip, self.weight[self.split :], None, 2, self.padding, extra)
+        return (y.unflatten(0, (len(skip), -1)) + shared[:, None]).flatten(0, 1)
+
+    def forward_joined(self, x: Tensor, skip: Tensor, size: tuple[int, int]) -> Tensor:
+        """The plain form: the skip repeated for each frame and concatenated. For tests and benchmarks."""
+        joined = torch.cat([x, skip.repeat_interleave(len(x) // len(skip), dim=0)], dim=1)
+        return F.conv_transpose2d(joined, self.weight, self.bias, 2, self.padding, self._extra(x, size))
+
+    def _extra(self, x: Tensor, size: tuple[int, int]) -> list[int]:
+        """Output padding that makes the output `size`."""
+        kernel, padding = self.kernel_size[0], int(self.padding[0])
+        return [size[k] - ((x.shape[2 + k] - 1) * 2 - 2 * padding + kernel) for k in range(2)]
+
+
+class ConvEncoder(nn.Module):
+    """Stride-2 convolutions with LeakyReLU; returns the activations of every layer, finest first."""
+
+    def __init__(self, channels: tuple[int, ...], kernel: int, in_channels: int = 3):
+        super().__init__()
+        widths = (in_channels, *channels)
+        self.layers = nn.ModuleList(
+            nn.Conv2d(a, b, kernel, stride=2, padding=kernel // 2) for a, b in zip(widths, widths[1:], strict=False)
+        )
+
+    def forward(self, x: Tensor) -> list[Tensor]:
+        activations = []
+        for layer in self.layers:
+            x = F.leaky_relu(layer(x), LEAK)
+            activations.append(x)
+        return activations
+
+
+def halved(size: tuple[int, int], times: int) -> list[tuple[int, int]]:
+    """Sizes of an image after 0, 1, ..., `times` stride-2 convolutions with same padding."""
+    sizes = [size]
+    for _ in range(times):
+        sizes.append(((sizes[-1][0] + 1) // 2, (sizes[-1][1] + 1) // 2))
+    return sizes

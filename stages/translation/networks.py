@@ -1,0 +1,197 @@
+"""The context translator: Enc1, Enc2, T and Dec (Sec. IV), in two architectures.
+
+`paper` is the paper's simulation network. `compact` is for CPUs: it ties the encoders, lets T predict how the context
+frame's features change and Dec how its pixels change. Images inside the networks are float, (B, 3, H, W) in [-1, 1].
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from stages.translation.layers import LEAK, ConvEncoder, SkipConvTranspose2d, halved, he_initialise
+
+ARCHITECTURES = ("compact", "paper")
+
+
+@dataclass
+class EncodedContext:
+    """What Enc2 makes of P context frames o_0^j.
+
+    Attributes:
+        features: z_2, (P, D).
+        skips: Activations of the convolutions, finest first, each (P, C, h, w).
+        image: The frames themselves, (P, 3, H, W).
+    """
+
+    features: Tensor
+    skips: list[Tensor]
+    image: Tensor
+
+    def take(self, index: Tensor) -> EncodedContext:
+        """The contexts at `index` (P',)."""
+        return EncodedContext(self.features[index], [skip[index] for skip in self.skips], self.image[index])
+
+
+class Translator(nn.Module, ABC):
+    """M(o_t^i, o_0^j) = Dec(T(Enc1(o_t^i), Enc2(o_0^j))).
+
+    Attributes:
+        feature_size: D, the width of z_1, z_2 and z_3.
+        plain: Decode with the plain concatenation of skips; for tests and benchmarks.
+    """
+
+    feature_size: int
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.plain = False
+
+    @abstractmethod
+    def encode(self, images: Tensor) -> Tensor:
+        """z_1 = Enc1(o): (B, 3, H, W) -> (B, D)."""
+
+    @abstractmethod
+    def encode_context(self, images: Tensor) -> EncodedContext:
+        """Enc2(o_0): P context frames (P, 3, H, W)."""
+
+    @abstractmethod
+    def translate(self, z1: Tensor, context: EncodedContext) -> Tensor:
+        """z_3 = T(z_1, z_2): (P * K, D), K frames a context -> (P * K, D)."""
+
+    @abstractmethod
+    def decode(self, features: Tensor, context: EncodedContext) -> Tensor:
+        """Dec: features (P * K, D) in their contexts -> images (P * K, 3, H, W)."""
+
+    def _upsample(self, layer: SkipConvTranspose2d, x: Tensor, skip: Tensor, size: tuple[int, int]) -> Tensor:
+        forward = layer.forward_joined if self.plain else layer.forward_split
+        return forward(x, skip, size)
+
+
+class PaperTranslator(Translator):
+    """The simulation network of Sec. VI.A: four 5x5 stride-2 convolutions, two layers of 1024, untied encoders."""
+
+    CHANNELS = (64, 128, 256, 512)
+
+    def __init__(self, size: tuple[int, int], feature_size: int = 1024):
+        super().__init__()
+        self.feature_size = feature_size
+        self.sizes = halved(size, len(self.CHANNELS))
+        coarse = self.CHANNELS[-1] * self.sizes[-1][0] * self.sizes[-1][1]
+
+        def head() -> nn.Module:
+            return nn.Sequential(
+                nn.Linear(coarse, feature_size),
+                nn.LeakyReLU(LEAK),
+                nn.Linear(feature_size, feature_size),
+                nn.LeakyReLU(LEAK),
+            )
+
+        self.enc1, self.enc1_head = ConvEncoder(self.CHANNELS, 5), head()
+        self.enc2, self.enc2_head = ConvEncoder(self.CHANNELS, 5), head()
+        self.translation = nn.Sequential(
+            nn.Linear(2 * feature_size, feature_size),
+            nn.LeakyReLU(LEAK),
+            nn.Linear(feature_size, feature_size),
+        )
+        self.dec_head = nn.Linear(feature_size, coarse)
+        outputs = (256, 128, 64, 3)
+        inputs = (self.CHANNELS[-1], *outputs[:-1])
+        skips = self.CHANNELS[::-1]
+        self.dec = nn.ModuleList(SkipConvTranspose2d(a, s, b, 5) for a, s, b in zip(inputs, skips, outputs, strict=True))
+        he_initialise(self)
+
+    def encode(self, images: Tensor) -> Tensor:
+        return self.enc1_head(self.enc1(images)[-1].flatten(1))
+
+    def encode_context(self, images: Tensor) -> EncodedContext:
+        skips = self.enc2(images)
+        return EncodedContext(self.enc2_head(skips[-1].flatten(1)), skips, images)
+
+    def translate(self, z1: Tensor, context: EncodedContext) -> Tensor:
+        z2 = context.features.repeat_interleave(len(z1) // len(context.features), dim=0)
+        return self.translation(torch.cat([z1, z2], dim=1))
+
+    def decode(self, features: Tensor, context: EncodedContext) -> Tensor:
+        x = F.leaky_relu(self.dec_head(features), LEAK).unflatten(1, (self.CHANNELS[-1], *self.sizes[-1]))
+        for k, layer in enumerate(self.dec):
+            x = self._upsample(layer, x, context.skips[-1 - k], self.sizes[-2 - k])
+            if k + 1 < len(self.dec):
+                x = F.leaky_relu(x, LEAK)
+        return x
+
+
+class CompactTranslator(Translator):
+    """A small network for CPUs, with tied encoders and everything relative to the context frame.
+
+    Enc1 = Enc2, so z_2 = Enc1(o_0^j), and T adds a change to it: z_3 = z_2 + T'(z_1, z_2) with T' = 0 at the start.
+    Feature tracking therefore starts no worse than the context frame's own features, and learning can only improve
+    on that; Dec likewise adds a change to the context frame.
+    """
+
+    def __init__(self, size: tuple[int, int], feature_size: int = 256, width: int = 32, hidden: int = 512):
+        super().__init__()
+        self.feature_size = feature_size
+        channels = (width, 2 * width, 4 * width)
+        self.channels = channels
+        self.sizes = halved(size, len(channels))
+        coarse = channels[-1] * self.sizes[-1][0] * self.sizes[-1][1]
+        self.encoder = ConvEncoder(channels, 3)
+        self.encoder_head = nn.Linear(coarse, feature_size)
+        self.translation = nn.Sequential(
+            nn.Linear(2 * feature_size, hidden),
+            nn.LeakyReLU(LEAK),
+            nn.Linear(hidden, hidden),
+            nn.LeakyReLU(LEAK),
+            nn.Linear(hidden, feature_size),
+        )
+        self.dec_head = nn.Linear(2 * feature_size, coarse)
+        outputs = (2 * width, width, 3)
+        inputs = (channels[-1], *outputs[:-1])
+        skips = channels[::-1]
+        self.dec = nn.ModuleList(SkipConvTranspose2d(a, s, b, 4) for a, s, b in zip(inputs, skips, outputs, strict=True))
+        he_initialise(self)
+        nn.init.zeros_(self.translation[-1].weight)
+        nn.init.normal_(self.encoder_head.weight, std=coarse**-0.5)
+        self.dec[-1].weight.data.mul_(0.1)
+
+    def encode(self, images: Tensor) -> Tensor:
+        return self.encoder_head(self.encoder(images)[-1].flatten(1))
+
+    def encode_context(self, images: Tensor) -> EncodedContext:
+        skips = self.encoder(images)
+        return EncodedContext(self.encoder_head(skips[-1].flatten(1)), skips, images)
+
+    def translate(self, z1: Tensor, context: EncodedContext) -> Tensor:
+        z2 = context.features.repeat_interleave(len(z1) // len(context.features), dim=0)
+        return z2 + self.translation(torch.cat([z1, z2], dim=1))
+
+    def decode(self, features: Tensor, context: EncodedContext) -> Tensor:
+        frames = len(features) // len(context.features)
+        z2 = context.features.repeat_interleave(frames, dim=0)
+        x = F.leaky_relu(self.dec_head(torch.cat([features - z2, z2], dim=1)), LEAK)
+        x = x.unflatten(1, (self.channels[-1], *self.sizes[-1]))
+        for k, layer in enumerate(self.dec):
+            x = self._upsample(layer, x, context.skips[-1 - k], self.sizes[-2 - k])
+            if k + 1 < len(self.dec):
+                x = F.leaky_relu(x, LEAK)
+        return (x.unflatten(0, (len(context.image), frames)) + context.image[:, None]).flatten(0, 1)
+
+
+def make_translator(arch: str, size: tuple[int, int]) -> Translator:
+    """A freshly initialised translator; `arch` is one of ARCHITECTURES, `size` the frames' height and width."""
+    return PaperTranslator(size) if arch == "paper" else CompactTranslator(size)
+
+
+def to_images(frames: Tensor) -> Tensor:
+    """uint8 frames (..., H, W, 3) -> float images (..., 3, H, W) in [-1, 1]."""
+    return frames.movedim(-1, -3).float().div_(127.5).sub_(1.0)
+
+
+def to_frames(images: Tensor) -> Tensor:
+    """Float images (..., 3, H, W) in [-1, 1] -> uint8 frames (..., H, W, 3)."""
+    return images.add(1.0).mul(127.5).round().clamp(0, 255).to(torch.uint8).movedim(-3, -1)

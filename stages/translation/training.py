@@ -1,0 +1,193 @@
+"""The translator's training loop: batches of pairs, optimiser, averaged weights, checkpoints."""
+
+from __future__ import annotations
+
+import copy
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from artifacts import Interrupted, checkpoint_path, read_checkpoint, sibling, write_checkpoint
+from stages.configs import TranslatorConfig
+from stages.learners.loop import TensorBoard, check_same_run
+from stages.run import RunOptions
+from stages.seeding import generator, integer
+from stages.state import from_tree, to_tree
+from stages.translation.losses import LossWeights, translation_losses
+from stages.translation.networks import Translator, make_translator, to_images
+
+WARM_UP = 200  # steps to the peak learning rate
+FINAL_RATE = 0.02  # of the peak, at the end of the cosine
+GRADIENT_NORM = 50.0
+
+
+class TranslatorTraining:
+    """State of a training run: networks, optimiser and step. Batches follow from seed and step alone."""
+
+    def __init__(self, config: TranslatorConfig, frames: Tensor, seed: int, device: str):
+        """Start from fresh weights.
+
+        Args:
+            config: How to train.
+            frames: Training demonstrations (N, T, H, W, 3), uint8; frame 0 of each is its context.
+            seed: The run's seed.
+            device: Torch device.
+        """
+        self.config, self.seed, self.device = config, seed, device
+        self._frames = frames
+        self.step = 0
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(integer(seed, "translator"))
+            self.model: Translator = make_translator(config.arch, (frames.shape[2], frames.shape[3])).to(device)
+        self.average = copy.deepcopy(self.model) if config.ema else self.model
+        self.optimiser = torch.optim.AdamW(
+            self.model.parameters(),
+            lr=config.learning_rate,
+            betas=(0.9, 0.99) if config.schedule == "cosine" else (0.9, 0.999),
+            weight_decay=config.weight_decay,
+        )
+        self._weights = LossWeights(
+            trans=float("trans" not in config.without),
+            rec=config.lambda_rec * ("rec" not in config.without),
+            align=config.lambda_align * ("align" not in config.without),
+        )
+        losses: Callable[..., dict[str, Tensor]] = translation_losses
+        self._losses = torch.compile(losses) if config.compile else losses
+
+    def train_step(self) -> dict[str, float]:
+        """One optimiser step; returns the three losses, sums over pixels in [-1, 1] or features, a frame."""
+        config = self.config
+        for group in self.optimiser.param_groups:
+            group["lr"] = self._rate()
+        videos, contexts, sources = self._batch()
+        use_amp = config.amp and self.device.startswith("cuda")
+        with torch.autocast("cuda", torch.bfloat16, enabled=use_amp):
+            losses = self._losses(self.model, videos, contexts, sources, config.motion_weight)
+            total = (
+                self._weights.trans * losses["trans"]
+                + self._weights.rec * losses["rec"]
+                + self._weights.align * losses["align"]
+            )
+        self.optimiser.zero_grad(set_to_none=True)
+        total.backward()
+        if config.schedule == "cosine":
+            torch.nn.utils.clip_grad_norm_(self.model.parameters(), GRADIENT_NORM)
+        self.optimiser.step()
+        self.step += 1
+        if config.ema:
+            decay = min(config.ema, (1 + self.step) / (10 + self.step))
+            with torch.no_grad():
+                torch._foreach_lerp_(list(self.average.parameters()), list(self.model.parameters()), 1 - decay)
+        return {name: float(value.detach()) for name, value in losses.items()}
+
+    def _rate(self) -> float:
+        config = self.config
+        if config.schedule == "constant":
+            return config.learning_rate
+        warm = min(1.0, (self.step + 1) / min(WARM_UP, max(config.steps // 5, 1)))
+        cosine = 0.5 * (1 + math.cos(math.pi * self.step / config.steps))
+        return config.learning_rate * warm * max(cosine, FINAL_RATE)
+
+    def _batch(self) -> tuple[Tensor, Tensor, list[Tensor]]:
+        """Videos (V, K, 3, H, W), their contexts (V, 3, H, W) and each pairing's sources (V,), for this step."""
+        config = self.config
+        rng = generator(self.seed, "batch", self.step)
+        count, times = self._frames.shape[:2]
+        chosen = rng.choice(count, min(config.videos, count), replace=False)
+        moments = 1 + rng.choice(times - 1, min(config.frames, times - 1), replace=False)
+        picked = self._frames[torch.from_numpy(chosen)][:, torch.from_numpy(np.concatenate([[0], np.sort(moments)]))]
+        images = to_images(picked.to(self.device))
+        if config.augment:
+            # Neither changes what a video means: a mirrored arm and swapped colours are a context like any other.
+            mirrored, swapped = torch.from_numpy(rng.random((2, len(chosen))) < 0.5).to(self.device)
+            images = torch.where(mirrored[:, None, None, None, None], images.flip(-1), images)
+            images = torch.where(swapped[:, None, None, None, None], images[:, :, [0, 2, 1]], images)
+        shifts = 1 + rng.choice(len(chosen) - 1, min(config.pairings, len(chosen) - 1), replace=False)
+        sources = [torch.from_numpy((np.arange(len(chosen)) + shift) % len(chosen)).to(self.device) for shift in shifts]
+        return images[:, 1:], images[:, 0], sources
+
+    def state(self) -> dict[str, Any]:
+        """Everything that decides how training goes on, as a tree of arrays and numbers."""
+        return {
+            "step": self.step,
+            "model": to_tree(self.model.state_dict()),
+            "average": to_tree(self.average.state_dict()),
+            "optimiser": to_tree(self.optimiser.state_dict()),
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Put `state` back, bit for bit."""
+        self.step = state["step"]
+        self.model.load_state_dict(from_tree(state["model"]))
+        self.average.load_state_dict(from_tree(state["average"]))
+        self.optimiser.load_state_dict(from_tree(state["optimiser"]))
+
+
+def train(
+    training: TranslatorTraining,
+    evaluate: Callable[[Translator], dict[str, float]],
+    run: RunOptions,
+    out: Path,
+    full_config: dict[str, Any],
+    parents: list[Path],
+) -> dict[str, list[float]]:
+    """Train to the last step, from the checkpoint beside `out` if `run.resume` and there is one.
+
+    Args:
+        evaluate: Maps the averaged network to held-out metrics.
+
+    Returns:
+        The curve: one value an evaluation of `step`, the training losses and each held-out metric.
+
+    Raises:
+        Interrupted: By the keyboard; the checkpoint was kept.
+    """
+    config, path = training.config, checkpoint_path(out)
+    curve: dict[str, list[float]] = {}
+    if run.resume and path.exists():
+        manifest, state = read_checkpoint(path, stage="train-translator")
+        check_same_run(path, manifest.config, manifest.seed, full_config, run.seed)
+        training.restore(state["training"])
+        curve = state["curve"]
+        run.progress.say(f"resuming {out.name} after {training.step} of {config.steps} steps")
+    elif run.resume:
+        run.progress.say(f"no checkpoint beside {out}: starting from the beginning")
+    held: dict[str, float] = {name: values[-1] for name, values in curve.items()}
+    start, first = time.monotonic(), training.step
+    try:
+        with (
+            TensorBoard(sibling(out, ".tensorboard"), training.step) as board,
+            run.progress.bar(f"train-translator ({config.arch})", config.steps, "steps") as bar,
+        ):
+            while training.step < config.steps:
+                losses = training.train_step()
+                if training.step % config.evaluate_every == 0 or training.step == config.steps:
+                    held = {f"held_out/{name}": value for name, value in evaluate(training.average).items()}
+                    row = {"step": float(training.step), **{f"train/{k}": v for k, v in losses.items()}, **held}
+                    for name, value in row.items():
+                        curve.setdefault(name, []).append(value)
+                    board.write(training.step, row)
+                shown = {k: held[f"held_out/{k}"] for k in ("psnr", "copy_psnr", "feature_ratio") if held}
+                bar.update(training.step, trans=losses["trans"], rec=losses["rec"], **shown)
+                if training.step % config.checkpoint_every == 0 and training.step < config.steps:
+                    write_checkpoint(
+                        path,
+                        {"training": training.state(), "curve": curve},
+                        stage="train-translator",
+                        config=full_config,
+                        seed=run.seed,
+                        command=run.command,
+                        parents=parents,
+                    )
+    except KeyboardInterrupt as error:
+        kept = f"kept {path}; continue with: {run.command} --resume" if path.exists() else "no checkpoint yet"
+        raise Interrupted(f"interrupted after {training.step} of {config.steps} steps; {kept}") from error
+    spent = time.monotonic() - start
+    run.progress.say(f"translator: {training.step - first} steps in {spent:.0f} s")
+    return curve
