@@ -28,7 +28,7 @@ GL_MEND = "on Debian: apt-get install libegl1 libgl1-mesa-dri"
 
 @dataclass(frozen=True)
 class Check:
-    """One line of the doctor's report; `mend` says what to do where `ok` is false."""
+    """One line of the report; `mend` says what to do where `ok` is false."""
 
     name: str
     ok: bool
@@ -37,7 +37,7 @@ class Check:
 
 
 def doctor(
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object in place of lines.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object, not lines.")] = False,
 ) -> None:
     """Check this machine: Python, torch, MuJoCo, video encoding, and one rendered frame.
 
@@ -63,8 +63,8 @@ def _run(name: str, examine: Callable[[], str], mend: str) -> Check:
     except IfoError as error:
         return Check(name, False, str(error), "" if "apt" in str(error) else mend)
     except Exception as error:
-        reason = " ".join(str(error).split())
-        return Check(name, False, f"{type(error).__name__}: {reason}" if reason else type(error).__name__, mend)
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        return Check(name, False, reason, mend)
 
 
 def _python() -> str:

@@ -21,7 +21,7 @@ EXAMPLES = (
 def evaluate(
     given: Given,
     policies: Annotated[
-        list[Path] | None, typer.Argument(help="Policies (default: the paths on standard input, one a line).")
+        list[Path] | None, typer.Argument(help="Policies (default: paths on standard input, one a line).")
     ] = None,
 ) -> None:
     """Run finished policies and measure how near the goal they end, by the task's true distance.

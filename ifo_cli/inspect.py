@@ -6,7 +6,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,15 +23,15 @@ EXAMPLES = (
     "ifo inspect runs/reach.evaluation.h5 --json",
 )
 KEY_FIGURES = ("metrics", "summary")  # groups of the configuration, or of datasets
+CURVE = "curve"  # group of datasets: learning curves, of which the last value counts
 NARROWEST = 100  # columns of a table that no terminal shows
 SHOWN_DATASETS = 40
+SHORT = 8  # values of a dataset that are shown whole
 
 
 def inspect(
-    artifact: Annotated[
-        Path | None, typer.Argument(help="Artifact (default: the path on standard input).")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object in place of tables.")] = False,
+    artifact: Annotated[Path | None, typer.Argument(help="Artifact (default: the path on standard input).")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object, not tables.")] = False,
 ) -> None:
     """Show what an artifact is: its origin, configuration, data, key figures and lineage.
 
@@ -77,7 +77,7 @@ def describe(artifact: Artifact) -> dict[str, Any]:
 
 
 def _key_figures(artifact: Artifact) -> dict[str, Any]:
-    """Metrics of the configuration, and datasets of metrics: a single value, or the last of a series."""
+    """Metrics of the configuration, and datasets of metrics; of a long series the last value."""
     figures: dict[str, Any] = {}
     for group in KEY_FIGURES:
         found = artifact.config.get(group)
@@ -85,8 +85,15 @@ def _key_figures(artifact: Artifact) -> dict[str, Any]:
             figures.update(plain(found))
         for name in artifact.names(f"{group}/"):
             values = artifact[name]
-            if values.ndim <= 1 and values.size:
-                figures[name.removeprefix(f"{group}/")] = plain(values.reshape(-1)[-1])
+            key = name.removeprefix(f"{group}/")
+            if values.ndim == 0 or (values.ndim == 1 and 1 < values.size <= SHORT):
+                figures[key] = plain(values)
+            elif values.ndim == 1 and values.size:
+                figures[key] = plain(values[-1])
+    for name in artifact.names(f"{CURVE}/"):
+        series = artifact[name]
+        if series.ndim == 1 and series.size:
+            figures[f"last {name.removeprefix(f'{CURVE}/')}"] = plain(series[-1])
     return figures
 
 
@@ -103,7 +110,8 @@ def _ancestors(artifact: Artifact, depth: int) -> Iterator[tuple[int, dict[str, 
         try:
             ancestor = read_artifact(path)
         except ArtifactError as error:
-            yield depth, {**entry, "state": "unreadable" if path.exists() else "missing", "problem": str(error)}
+            state = "unreadable" if path.exists() else "missing"
+            yield depth, {**entry, "state": state, "problem": str(error)}
             continue
         origin = {"created": ancestor.manifest.created, "seed": ancestor.manifest.seed}
         yield depth, {**entry, **origin, "command": ancestor.manifest.command}
@@ -121,7 +129,7 @@ def _as_text(report: dict[str, Any]) -> str:
     width = None if terminal else _width(report)
     console = Console(file=StringIO(), width=width, force_terminal=terminal, highlight=False, emoji=False)
 
-    def table(title: str, rows: list[tuple[str, ...]], heads: tuple[str, ...] = ()) -> None:
+    def table(title: str, rows: Sequence[tuple[str, ...]], heads: tuple[str, ...] = ()) -> None:
         shown = Table(title=title, title_justify="left", show_header=bool(heads), box=None, pad_edge=False)
         for head in heads or rows[0]:
             numeric = head in ("size",)
@@ -149,7 +157,7 @@ def _as_text(report: dict[str, Any]) -> str:
         rows.append((f"... {hidden} more (--json shows all)", "", "", ""))
     if rows:
         table("Datasets", rows, ("name", "shape", "dtype", "size"))
-    lineage = [
+    lineage: list[tuple[str, ...]] = [
         ("  " * (entry["depth"] - 1) + entry["kind"], entry["path"], _ancestor_note(entry))
         for entry in report["lineage"]
     ]
@@ -175,6 +183,8 @@ def _ancestor_note(entry: dict[str, Any]) -> str:
 def _value(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
+    if isinstance(value, list):
+        return ", ".join(map(_value, value)) or "none"
     return value if isinstance(value, str) else json.dumps(value)
 
 

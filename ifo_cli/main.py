@@ -6,7 +6,6 @@ import shlex
 import sys
 import traceback
 from collections.abc import Callable, Sequence
-from importlib import metadata
 from typing import Annotated, Any
 
 import typer
@@ -30,9 +29,14 @@ from ifo_cli.streams import abandon_stdout
 INTERRUPTED = 130
 BUG = 1
 
-PIPELINE = (
-    "ifo collect-demos reach | ifo train-translator | ifo translate | ifo learn-policy | ifo evaluate"
-)
+# The words of the library that checks values -> ours.
+REWORDED = {
+    "Value error, ": "",
+    "Input should be greater": "expected a value greater",
+    "Input should be": "expected",
+}
+
+PIPELINE = "ifo collect-demos reach | ifo train-translator | ifo translate | ifo learn-policy | ifo evaluate"
 
 app = typer.Typer(
     name="ifo",
@@ -40,7 +44,7 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog=f"Example:\n\n  {PIPELINE}",
+    epilog=f"Example:\n\n{PIPELINE}",
 )
 
 
@@ -69,6 +73,8 @@ def _version(wanted: bool) -> None:
 
 def version() -> str:
     """The installed version of ifo."""
+    from importlib import metadata
+
     try:
         return metadata.version("ifo")
     except metadata.PackageNotFoundError:
@@ -83,8 +89,8 @@ def _ifo(
 ) -> None:
     """Learn to do what videos show: imitation from observation, through context translation.
 
-    Each command reads one versioned file and writes the next; its path is all that it prints, so that
-    commands can be piped together.
+    Each command reads one versioned file and writes the next. Its path is all that a command prints,
+    so commands can be piped together.
     """
 
 
@@ -106,7 +112,7 @@ def _run(words: list[str]) -> int:
         command = typer.main.get_command(app)
         code = command.main(words, prog_name="ifo", standalone_mode=False, obj=words)
     except typer.TyperException as error:
-        message = " ".join(error.format_message().split())
+        message = _tidied(error.format_message())
         if message and words:
             help_command = shlex.join(["ifo", *_command_of(words), "--help"])
             _say(f"ifo: {message.rstrip('.')} (see {help_command})")
@@ -125,6 +131,13 @@ def _run(words: list[str]) -> int:
     if code == INTERRUPTED:
         _say("ifo: interrupted")
     return code if isinstance(code, int) else 0
+
+
+def _tidied(message: str) -> str:
+    """One line of a usage error, in our words."""
+    for theirs, ours in REWORDED.items():
+        message = message.replace(theirs, ours)
+    return " ".join(message.split())
 
 
 def _command_of(words: list[str]) -> list[str]:

@@ -7,6 +7,7 @@ import functools
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
@@ -19,6 +20,9 @@ PRESET_NOTE = (
     f"What an option leaves open comes from --preset: the parent's, else {HELP_PRESET}. "
     f"Defaults in brackets are those of {HELP_PRESET}."
 )
+Command = Callable[..., None]
+
+NUMBER = {int: "INT", float: "FLOAT"}
 STAGE_PANEL = "Options of this stage"
 
 
@@ -62,9 +66,9 @@ COMMON: dict[str, tuple[Any, Any]] = {
         Literal[tuple(PRESETS)],
         f"Defaults of every option: the parent's preset, else {HELP_PRESET}.",
     ),
-    "seed": _option(int, "The run's only seed: the parent's, else 0.", min=0),
+    "seed": _option(int, "The run's only seed: the parent's, else 0.", min=0, metavar="INT"),
     "device": _option(str, "auto (CUDA where there is one), cpu, cuda or cuda:N.", metavar="DEVICE"),
-    "workers": _option(int, "Threads and render processes (0: one a core).", min=0),
+    "workers": _option(int, "Threads and render processes (0: one a core).", min=0, metavar="INT"),
     "out": _option(Path, "Artifact to write, ending in .h5 (default: runs/NAME.KIND.h5).", metavar="PATH"),
     "resume": _option(bool, "Continue from the checkpoint beside --out.", "--resume", default=False),
     "json": _option(bool, "Print one JSON object with the stage's figures.", "--json", default=False),
@@ -91,12 +95,15 @@ def config_parameters(stage: str) -> list[inspect.Parameter]:
         choices = item.metadata.get("choices") or ()
         settings: dict[str, Any] = {"rich_help_panel": STAGE_PANEL}
         if get_origin(annotation) is tuple:
-            element = Literal[tuple(choices)] if choices else get_args(annotation)[0]
+            # Typer takes no list of literals, but a list of an enumeration.
+            names = {choice: choice for choice in choices}
+            element = StrEnum(item.name, names) if choices else get_args(annotation)[0]
             annotation = list[element]  # type: ignore[valid-type]
+            settings["metavar"] = "|".join(choices) or "TEXT"
         elif choices:
             annotation = Literal[tuple(choices)]
         elif annotation in (int, float):
-            settings["min"] = item.metadata.get("low")
+            settings.update(min=item.metadata.get("low"), metavar=NUMBER[annotation])
         shown = shown_default(getattr(PRESETS[HELP_PRESET][stage], item.name))
         text = item.metadata["help"] + (f" ({shown})" if shown else "")
         annotated, default = _option(annotation, text, **settings)
@@ -104,7 +111,7 @@ def config_parameters(stage: str) -> list[inspect.Parameter]:
     return parameters
 
 
-def stage_command(stage: str, *, resume: bool = False) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def stage_command(stage: str, *, resume: bool = False) -> Callable[[Command], Command]:
     """Give a command the options of its stage; it receives them as its argument `given`.
 
     Args:
@@ -112,7 +119,7 @@ def stage_command(stage: str, *, resume: bool = False) -> Callable[[Callable[...
         resume: Whether the stage keeps checkpoints, so that --resume makes sense.
     """
 
-    def decorate(function: Callable[..., None]) -> Callable[..., None]:
+    def decorate(function: Command) -> Command:
         own = [
             parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
             for parameter in inspect.signature(function, eval_str=True).parameters.values()
@@ -147,7 +154,7 @@ def _gather(stage: str, values: dict[str, Any]) -> Given:
     for item in dataclasses.fields(STAGES[stage]):
         value = values[item.name]
         if value is not None:
-            config[item.name] = tuple(value) if isinstance(value, list) else value
+            config[item.name] = tuple(map(str, value)) if isinstance(value, list) else value
     run_names = ("preset", "seed", "device", "workers", "out", "resume")
     run = {name: values[name] for name in run_names if values.get(name) is not None}
     words = values["context"].find_root().obj or []

@@ -20,9 +20,7 @@ EXAMPLES = (
 @stage_command(STAGE, resume=True)
 def train_translator(
     given: Given,
-    demos: Annotated[
-        Path | None, typer.Argument(help="Demonstrations (default: the path on standard input).")
-    ] = None,
+    demos: Annotated[Path | None, typer.Argument(help="Demonstrations (default: the path on standard input).")] = None,
 ) -> None:
     """Train the network that translates a video from its context into another.
 

@@ -20,9 +20,7 @@ EXAMPLES = (
 @stage_command(STAGE)
 def translate(
     given: Given,
-    translator: Annotated[
-        Path | None, typer.Argument(help="Translator (default: the path on standard input).")
-    ] = None,
+    translator: Annotated[Path | None, typer.Argument(help="Translator (default: the path on standard input).")] = None,
 ) -> None:
     """Translate demonstrations into the learner's context and average them: what the policy will track."""
 

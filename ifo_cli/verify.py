@@ -19,7 +19,7 @@ EXAMPLES = (
 
 def verify(
     files: Annotated[
-        list[Path] | None, typer.Argument(help="Artifacts (default: the paths on standard input, one a line).")
+        list[Path] | None, typer.Argument(help="Artifacts (default: paths on standard input, one a line).")
     ] = None,
 ) -> None:
     """Read artifacts whole, checking every checksum and that their parents are unchanged.

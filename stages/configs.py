@@ -63,7 +63,7 @@ class TranslatorConfig:
     """Training of the context translator (Sec. IV)."""
 
     arch: str = option("compact", "Network: the paper's, or a compact one for CPUs.", ARCHITECTURES)
-    steps: int = option(3000, "Optimiser steps.", low=1)
+    steps: int = option(4000, "Optimiser steps.", low=1)
     videos: int = option(16, "Videos a step; each is source of one pair and target of another.", low=2)
     frames: int = option(4, "Frames of each video a step, at the same times in all.", low=1)
     pairings: int = option(1, "Pairings of the videos a step.", low=1)

@@ -97,7 +97,7 @@ def make_reward(
     import torch
 
     from stages.rewards.state import OracleReward
-    from stages.rewards.translation import TrackingTarget, TranslationReward, spread
+    from stages.rewards.translation import TrackingTarget, TranslationReward
     from stages.simulation.render import RenderPool
     from stages.train_translator import load_translator
     from stages.translation.networks import to_images
@@ -107,17 +107,16 @@ def make_reward(
     model = load_translator(source.parent("translator", check=True), device)
     if config.reward == "video":
         # The expert's own video in this context: a perfect translation.
-        features = torch.from_numpy(source["expert_features"])
-        images = to_images(torch.from_numpy(source["expert_frames"]))
-        target = TrackingTarget(features.to(device), images.to(device), spread(features), spread(images))
+        features, images = source["expert_features"], to_images(torch.from_numpy(source["expert_frames"]))
     else:
+        features = source["target_features"]
         images = torch.from_numpy(source["target_images"]).movedim(-1, 1) / 127.5 - 1
-        target = TrackingTarget(
-            torch.from_numpy(source["target_features"]).to(device),
-            images.to(device),
-            float(source["feature_scale"]),
-            float(source["image_scale"]),
-        )
+    target = TrackingTarget(
+        torch.from_numpy(features).to(device),
+        images.to(device),
+        float(source["feature_scale"]),
+        float(source["image_scale"]),
+    )
     pool = RenderPool(xml, *task.frame_size, workers)
     return TranslationReward(
         task, contexts, model, target, pool, config.without, config.image_weight, config.ramp, device

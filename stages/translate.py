@@ -38,6 +38,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     """
     import torch
 
+    from stages.rewards.translation import motion
     from stages.simulation.gl import choose_backend
     from stages.threads import use_threads
     from stages.train_translator import load_translator
@@ -59,13 +60,16 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     candidates = np.arange(0 if config.split == "all" else count - held_out, count)
     chosen = np.sort(generator(run.seed, "translate").permutation(candidates)[: config.n])
     frames = np.stack([demos.read("frames", int(k)) for k in chosen])
-    features, images = [], []
+    features, images, feature_motion, image_motion = [], [], [], []
     context_image = to_images(torch.from_numpy(frame[None].copy()).to(device))
     with torch.no_grad(), run.progress.bar("translate", len(frames), "demos") as bar:
         context = model.encode_context(context_image)
         for start in range(0, len(frames), CHUNK):
             videos = to_images(torch.from_numpy(frames[start : start + CHUNK]).to(device))
-            z3 = model.translate(model.encode(videos.flatten(0, 1)), context)
+            z1 = model.encode(videos.flatten(0, 1))
+            z3 = model.translate(z1, context)
+            feature_motion.append(motion(z1.unflatten(0, videos.shape[:2])).cpu())
+            image_motion.append(motion(videos).cpu())
             decoded = model.decode(z3, context)
             features.append(z3.unflatten(0, videos.shape[:2]).cpu())
             images.append(decoded.unflatten(0, videos.shape[:2]).cpu())
@@ -79,7 +83,8 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
         "features": all_features.numpy(),
         "images": to_frames(all_images).numpy(),
         "demonstrations": chosen,
-        **_scales(target_features, target_images),
+        "feature_scale": torch.cat(feature_motion).mean().numpy(),
+        "image_scale": torch.cat(image_motion).mean().numpy(),
     }
     metrics: dict[str, float] = {}
     if contexts is not None and truth is not None:
@@ -138,13 +143,6 @@ def _simulate_context(
 def learner_context(task, context_seed: int, drawn_from) -> Contexts:
     """The learner's context omega_l (leading axis 1): a stream of its own, which no demonstration is drawn from."""
     return task.draw_contexts(generator(context_seed, "learner-context"), 1, drawn_from)
-
-
-def _scales(features: Any, images: Any) -> dict[str, np.ndarray]:
-    """What the reward's terms are divided by: the targets' own spread."""
-    from stages.rewards.translation import spread
-
-    return {"feature_scale": np.asarray(spread(features)), "image_scale": np.asarray(spread(images))}
 
 
 def _truth(

@@ -3,9 +3,9 @@
 R(o_t) = R_feat(o_t) + w_rec R_img(o_t), with
 R_feat(o_t) = -|Enc1(o_t) - mean_i F(o_t^i, o_0)|^2 and R_img(o_t) = -|o_t - mean_i M(o_t^i, o_0)|^2.
 
-The paper gives no scale, and sums over pixels run to thousands. Here each term is divided by the target's own spread,
-the sum over the video of its squared distance from its first frame: an episode that stands still on the context frame
-returns about -1 a term, one that follows the target about 0.
+The paper gives no scale, and sums over pixels run to thousands. Here each term is divided by how much the demonstrations
+themselves move: the sum over a video of its squared distance from its first frame, averaged over the demonstrations. An
+episode that stands still returns about -1 a term, one that follows the target about 0.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ class TrackingTarget:
     image_scale: float
 
 
-def spread(values: Tensor) -> float:
-    """Sum over time of the squared distance from the first frame: (T, ...) -> a number above zero."""
-    return float((values - values[:1]).square().sum().clamp_min(1e-6))
+def motion(values: Tensor) -> Tensor:
+    """Squared distance from the first frame, summed over time: videos or their features (N, T, ...) -> (N,)."""
+    return (values - values[:, :1]).square().flatten(1).sum(dim=1)
 
 
 class TranslationReward:

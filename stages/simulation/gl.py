@@ -1,7 +1,7 @@
 """Which OpenGL backend draws: chosen before mujoco is imported, because mujoco reads MUJOCO_GL only then.
 
-A backend counts as working once a child process has drawn a picture with it. That costs about a second, so the
-answer is kept in the user's cache folder until the machine restarts or mujoco changes.
+A backend counts as working once a child process has drawn a picture with it. That costs about a second, so
+the answer is kept in the user's cache folder until the machine restarts or mujoco changes.
 """
 
 from __future__ import annotations
@@ -52,10 +52,10 @@ _set_here = False
 
 
 def choose_backend(required: bool = True) -> str:
-    """Choose the GL backend and set MUJOCO_GL (and LP_NUM_THREADS, unless it is set) for this process and its children.
+    """Choose the GL backend and set MUJOCO_GL for this process and its children.
 
-    MUJOCO_GL decides if it is set; else the first of EGL, OSMesa and GLFW that works. Call it before anything imports
-    mujoco or dm_control; later calls are free.
+    MUJOCO_GL decides if it is set; else the first of EGL, OSMesa and GLFW that works. LP_NUM_THREADS becomes 1
+    unless it is set. Call it before anything imports mujoco or dm_control; later calls are free.
 
     Args:
         required: Whether the caller is going to draw. If not, a machine without GL is no error.
@@ -139,7 +139,8 @@ def _check_loaded(backend: str) -> None:
     loaded = "none" if context is None else context.__module__.rpartition(".")[2]
     if loaded != backend:
         raise PlatformError(
-            f"mujoco is already imported with GL backend {loaded}, not {backend}: set MUJOCO_GL={backend} before starting"
+            f"mujoco is already imported with GL backend {loaded}, not {backend}: "
+            f"set MUJOCO_GL={backend} before starting"
         )
 
 
@@ -149,7 +150,7 @@ def _use(backend: str) -> None:
     os.environ["MUJOCO_GL"] = backend
     if backend != "glfw":
         os.environ["PYOPENGL_PLATFORM"] = backend
-    # A 48x48 frame is too small to share among threads: Mesa's software rasteriser is fastest with one a process.
+    # A 48x48 frame is too small to share among threads of Mesa's software rasteriser.
     os.environ.setdefault("LP_NUM_THREADS", "1")
 
 
@@ -168,7 +169,13 @@ def _cache_key() -> list[str]:
     boot = ""
     with suppress(OSError):
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
-    variables = ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_EGL_DEVICE_ID", "CUDA_VISIBLE_DEVICES", "LD_LIBRARY_PATH")
+    variables = (
+        "DISPLAY",
+        "WAYLAND_DISPLAY",
+        "MUJOCO_EGL_DEVICE_ID",
+        "CUDA_VISIBLE_DEVICES",
+        "LD_LIBRARY_PATH",
+    )
     values = [os.environ.get(name, "") for name in variables]
     return [metadata.version("mujoco"), sys.prefix, platform.node(), boot, *values]
 

@@ -1,9 +1,9 @@
 """The Gymnasium face: importing this module registers `ifo/Reach-v0`.
 
-    import gymnasium
-    import stages.simulation.gym
+import gymnasium
+import stages.simulation.gym
 
-    env = gymnasium.make("ifo/Reach-v0", contexts="narrow", pixels=True, render_mode="rgb_array")
+env = gymnasium.make("ifo/Reach-v0", contexts="narrow", pixels=True, render_mode="rgb_array")
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium
@@ -16,13 +17,16 @@ from stages.simulation.suite import CAMERA
 class SuiteEnv(DmControlCompatibilityV0):
     """Shimmy's environment, with what it leaves open mended.
 
-    Seeds are Gymnasium's: `reset(seed=s)` starts at episode 0 of seed s, the same as the batch and dm_control draw.
-    `np_random` is a Generator, `close` may be called twice, frames a second are counted in seconds. An episode ends by
-    truncation, never by termination. `info["normalised_distance"]` is the paper's metric.
+    Seeds are Gymnasium's: `reset(seed=s)` starts at episode 0 of seed s, the same as the batch and dm_control
+    draw. `np_random` is a Generator, `close` may be called twice, `render_fps` counts control steps a second.
+    An episode ends by truncation, never by termination. `info["normalised_distance"]` is the paper's metric.
     """
 
     def __init__(
-        self, env: control.Environment, render_mode: str | None = None, render_size: tuple[int, int] = (240, 240)
+        self,
+        env: control.Environment,
+        render_mode: str | None = None,
+        render_size: tuple[int, int] = (240, 240),
     ):
         self.metadata = {"render_modes": ["rgb_array", "depth_array"], "render_fps": 0}
         height, width = render_size
@@ -41,12 +45,16 @@ class SuiteEnv(DmControlCompatibilityV0):
         gymnasium.Env.reset(self, seed=seed)
         if seed is not None:
             self._env.task.seed(seed)
-        return dict(self._env.reset().observation), self._info()
+        return self._in_order(self._env.reset().observation), self._info()
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
         """Hold `action` for a control step."""
         observation, reward, terminated, truncated, _ = super().step(action)
-        return observation, float(reward), terminated, truncated, self._info()
+        return self._in_order(observation), float(reward), terminated, truncated, self._info()
+
+    def _in_order(self, observation: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """The observation in its space's order, which is the alphabet's."""
+        return {name: observation[name] for name in self.observation_space}
 
     def _info(self) -> dict[str, Any]:
         return {"normalised_distance": self._env.task.normalised_distance(self._env.physics)}

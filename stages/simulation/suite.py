@@ -1,4 +1,4 @@
-"""The dm_control face: the same tasks, contexts and frames as the batch, one simulation at a time, suite style.
+"""The dm_control face: the same tasks, contexts and frames as the batch, one simulation at a time.
 
 GL is loaded when this module is imported: call `stages.simulation.gl.choose_backend` first.
 
@@ -54,14 +54,14 @@ class Physics(mujoco.Physics):
         super().free()
 
     def _make_current(self) -> None:
-        """Make the GL context current even if dm_control believes that it is: another renderer may have come between."""
+        """Make the GL context current, even if dm_control believes it is: another may have come between."""
         gl = self.contexts.gl
         with gl.make_current() as thread:
             thread.call(gl._platform_make_current)
 
 
 class Environment(control.Environment):
-    """dm_control's environment; `close` frees the GL context, which must happen before the interpreter ends."""
+    """dm_control's environment; `close` frees the GL context: do it before the interpreter ends."""
 
     def close(self) -> None:
         self.physics.free()

@@ -13,9 +13,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from artifacts import UsageError
 from stages.translation.layers import LEAK, ConvEncoder, SkipConvTranspose2d, halved, he_initialise
-
-ARCHITECTURES = ("compact", "paper")
 
 
 @dataclass
@@ -130,18 +129,22 @@ class CompactTranslator(Translator):
 
     Enc1 = Enc2, so z_2 = Enc1(o_0^j), and T adds a change to it: z_3 = z_2 + T'(z_1, z_2) with T' = 0 at the start.
     Feature tracking therefore starts no worse than the context frame's own features, and learning can only improve
-    on that; Dec likewise adds a change to the context frame.
+    on that; Dec likewise adds a change to the context frame. The first convolution has stride 4: at 48x48 most of a
+    CPU's time would go into the two finest resolutions, which carry little.
     """
 
-    def __init__(self, size: tuple[int, int], feature_size: int = 256, width: int = 32, hidden: int = 512):
+    def __init__(
+        self, size: tuple[int, int], feature_size: int = 256, fine: int = 64, coarse: int = 128, hidden: int = 512
+    ):
         super().__init__()
         self.feature_size = feature_size
-        channels = (width, 2 * width, 4 * width)
-        self.channels = channels
-        self.sizes = halved(size, len(channels))
-        coarse = channels[-1] * self.sizes[-1][0] * self.sizes[-1][1]
-        self.encoder = ConvEncoder(channels, 3)
-        self.encoder_head = nn.Linear(coarse, feature_size)
+        self.size = size
+        self.fine_size = (size[0] // 4, size[1] // 4)
+        self.coarse_shape = (coarse, (self.fine_size[0] + 1) // 2, (self.fine_size[1] + 1) // 2)
+        flat = self.coarse_shape[0] * self.coarse_shape[1] * self.coarse_shape[2]
+        self.fine = nn.Conv2d(3, fine, 6, stride=4, padding=1)
+        self.coarse = nn.Conv2d(fine, coarse, 3, stride=2, padding=1)
+        self.head = nn.Linear(flat, feature_size)
         self.translation = nn.Sequential(
             nn.Linear(2 * feature_size, hidden),
             nn.LeakyReLU(LEAK),
@@ -149,22 +152,24 @@ class CompactTranslator(Translator):
             nn.LeakyReLU(LEAK),
             nn.Linear(hidden, feature_size),
         )
-        self.dec_head = nn.Linear(2 * feature_size, coarse)
-        outputs = (2 * width, width, 3)
-        inputs = (channels[-1], *outputs[:-1])
-        skips = channels[::-1]
-        self.dec = nn.ModuleList(SkipConvTranspose2d(a, s, b, 4) for a, s, b in zip(inputs, skips, outputs, strict=True))
+        self.dec_head = nn.Linear(2 * feature_size, flat)
+        self.dec_coarse = SkipConvTranspose2d(coarse, coarse, fine, 4)
+        self.dec_fine = SkipConvTranspose2d(fine, fine, 3, 8, stride=4)
         he_initialise(self)
         nn.init.zeros_(self.translation[-1].weight)
-        nn.init.normal_(self.encoder_head.weight, std=coarse**-0.5)
-        self.dec[-1].weight.data.mul_(0.1)
+        nn.init.normal_(self.head.weight, std=flat**-0.5)
+        self.dec_fine.weight.data.mul_(0.1)
+
+    def _activations(self, images: Tensor) -> list[Tensor]:
+        fine = F.leaky_relu(self.fine(images), LEAK)
+        return [fine, F.leaky_relu(self.coarse(fine), LEAK)]
 
     def encode(self, images: Tensor) -> Tensor:
-        return self.encoder_head(self.encoder(images)[-1].flatten(1))
+        return self.head(self._activations(images)[-1].flatten(1))
 
     def encode_context(self, images: Tensor) -> EncodedContext:
-        skips = self.encoder(images)
-        return EncodedContext(self.encoder_head(skips[-1].flatten(1)), skips, images)
+        skips = self._activations(images)
+        return EncodedContext(self.head(skips[-1].flatten(1)), skips, images)
 
     def translate(self, z1: Tensor, context: EncodedContext) -> Tensor:
         z2 = context.features.repeat_interleave(len(z1) // len(context.features), dim=0)
@@ -173,17 +178,16 @@ class CompactTranslator(Translator):
     def decode(self, features: Tensor, context: EncodedContext) -> Tensor:
         frames = len(features) // len(context.features)
         z2 = context.features.repeat_interleave(frames, dim=0)
-        x = F.leaky_relu(self.dec_head(torch.cat([features - z2, z2], dim=1)), LEAK)
-        x = x.unflatten(1, (self.channels[-1], *self.sizes[-1]))
-        for k, layer in enumerate(self.dec):
-            x = self._upsample(layer, x, context.skips[-1 - k], self.sizes[-2 - k])
-            if k + 1 < len(self.dec):
-                x = F.leaky_relu(x, LEAK)
+        x = F.leaky_relu(self.dec_head(torch.cat([features - z2, z2], dim=1)), LEAK).unflatten(1, self.coarse_shape)
+        x = F.leaky_relu(self._upsample(self.dec_coarse, x, context.skips[1], self.fine_size), LEAK)
+        x = self._upsample(self.dec_fine, x, context.skips[0], self.size)
         return (x.unflatten(0, (len(context.image), frames)) + context.image[:, None]).flatten(0, 1)
 
 
 def make_translator(arch: str, size: tuple[int, int]) -> Translator:
     """A freshly initialised translator; `arch` is one of ARCHITECTURES, `size` the frames' height and width."""
+    if size[0] % 4 or size[1] % 4:
+        raise UsageError(f"frames of {size[1]}x{size[0]} pixels: expected width and height to be multiples of 4")
     return PaperTranslator(size) if arch == "paper" else CompactTranslator(size)
 
 

@@ -1,0 +1,49 @@
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+
+STAMP := .venv/.stamp
+PATH := $(CURDIR)/.venv/bin:$(PATH)
+export PATH
+
+.PHONY: help setup demo test slow check format bench clean
+
+help: ## Show the targets.
+	@grep -E '^[a-z]+:.*##' $(firstword $(MAKEFILE_LIST)) | sed -E 's/^([a-z]+):[^#]*## /  make \1	/' | expand -t 15
+
+$(STAMP): pyproject.toml constraints.txt .ci/setup.sh
+	@PYTHON="$(PYTHON)" bash .ci/setup.sh
+
+setup: $(STAMP) ## Make .venv with everything that ifo needs.
+
+demo: setup ## The main job: learn to reach from videos of other contexts, preset quick.
+	@mkdir -p runs && touch runs/.demo
+	@ifo collect-demos reach --preset quick | ifo train-translator | ifo translate | ifo learn-policy \
+	    | ifo evaluate --json > runs/demo.json
+	@echo "Final distance to the goal, 1 being the distance at the start:"
+	@python -m json.tool runs/demo.json | grep -E '"normalised_distance(_stochastic)?":|"success_[a-z]+":'
+	@echo "All figures: runs/demo.json. Videos:"
+	@find runs -maxdepth 1 -name '*.mp4' -newer runs/.demo | sort | sed 's/^/  /'
+
+test: setup ## Run the tests that take seconds.
+	@pytest
+
+slow: setup ## Run the tests that take minutes.
+	@pytest -m slow
+
+check: setup ## Lint, formatting and types.
+	@ruff check .
+	@ruff format --check .
+	@mypy
+
+format: setup ## Mend lint and formatting.
+	@ruff check --fix .
+	@ruff format .
+
+bench: setup ## Run each benchmark; one JSON line each.
+	@for benchmark in benchmarks/*.py; do python "$$benchmark"; done
+
+clean: ## Remove caches and the virtual environment; runs/ stays.
+	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

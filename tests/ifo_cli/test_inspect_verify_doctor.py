@@ -1,0 +1,95 @@
+"""The commands that look at things."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from artifacts import PlatformError
+from ifo_cli import doctor
+
+
+@pytest.fixture
+def family(make):
+    demos = make("demos")
+    translator = make("translator", parents=[demos])
+    return demos, translator, make("translation", parents=[translator])
+
+
+def test_inspect_shows_origin_data_and_lineage(run_ifo, family):
+    demos, translator, translation = family
+    code, out, err = run_ifo("inspect", translation)
+    assert (code, err) == (0, "") and "\x1b" not in out
+    for part in ("translation", "ifo translation", "target_features", "3x4", "float32", "seed", "toy"):
+        assert part in out
+    assert out.index(str(translator)) < out.index(str(demos))
+
+
+def test_inspect_says_missing(run_ifo, family):
+    family[0].unlink()
+    code, out, _ = run_ifo("inspect", family[2])
+    assert code == 0 and "missing" in out
+
+
+def test_inspect_json(run_ifo, family):
+    code, out, _ = run_ifo("inspect", "--json", stdin=f"{family[2]}\n")
+    report = json.loads(out)
+    assert code == 0 and out.count("\n") == 1
+    assert [(a["depth"], a["kind"]) for a in report["lineage"]] == [(1, "translator"), (2, "demos")]
+    assert {"name": "target_features", "shape": [3, 4], "dtype": "float32", "bytes": 48} in report["datasets"]
+
+
+def test_inspect_shows_key_figures(run_ifo, make):
+    _, out, _ = run_ifo("inspect", make("evaluation"))
+    assert "Key figures" in out and "0.25" in out and "0.1, 0.4" in out
+
+
+def test_inspect_of_no_artifact(run_ifo, tmp_path):
+    path = tmp_path / "x.demos.h5"
+    path.write_text("no")
+    code, out, err = run_ifo("inspect", path)
+    assert (code, out) == (3, "") and err.count("\n") == 1
+
+
+def test_verify_checks_every_file(run_ifo, family):
+    demos, translator, translation = family
+    code, out, err = run_ifo("verify", *family)
+    assert (code, err) == (0, "")
+    assert out.splitlines()[1] == f"ok {translator} (translator, 1 dataset, 1 parent)"
+    data = bytearray(demos.read_bytes())
+    data[len(data) // 2] ^= 0xFF
+    demos.write_bytes(data)
+    code, out, err = run_ifo("verify", *family)
+    assert code == 3 and out.splitlines() == [f"ok {translation} (translation, 3 datasets, 1 parent)"]
+    assert err.count("\n") == 2 and str(demos) in err
+
+
+def test_doctor_says_what_to_mend(run_ifo, monkeypatch):
+    def fine():
+        return "1.0"
+
+    def ill():
+        raise PlatformError("nothing draws")
+
+    def broken():
+        raise ImportError("libEGL.so.1")
+
+    checks = {"torch": (fine, "x"), "gl backend": (ill, doctor.GL_MEND), "video": (broken, "reinstall av")}
+    monkeypatch.setattr(doctor, "CHECKS", checks)
+    code, out, _ = run_ifo("doctor")
+    assert code == 4
+    assert out.splitlines() == [
+        "ok   torch: 1.0",
+        f"fail gl backend: nothing draws; {doctor.GL_MEND}",
+        "fail video: ImportError: libEGL.so.1; reinstall av",
+    ]
+    code, out, _ = run_ifo("doctor", "--json")
+    assert code == 4 and [check["ok"] for check in json.loads(out)["checks"]] == [True, False, False]
+
+
+@pytest.mark.gl
+def test_doctor_is_content_here(run_ifo):
+    code, out, err = run_ifo("doctor")
+    assert code == 0, out + err
+    assert [line.split()[0] for line in out.splitlines()] == ["ok"] * len(doctor.CHECKS)

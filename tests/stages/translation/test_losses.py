@@ -1,0 +1,70 @@
+"""The objective equals its definition in Sec. IV, written out pair by pair and frame by frame."""
+
+import torch
+
+from stages.translation.losses import translation_losses
+from stages.translation.metrics import feature_ratio, psnr, squared_error, ssim
+from stages.translation.networks import CompactTranslator
+
+
+def test_losses_equal_their_definition_frame_by_frame():
+    with torch.random.fork_rng():
+        torch.manual_seed(1)
+        model = CompactTranslator((16, 16), 12, 8, 8, 16).double()
+        for parameter in model.parameters():
+            parameter.data += 0.05 * torch.randn_like(parameter)
+        videos = torch.rand(3, 4, 3, 16, 16, dtype=torch.float64) * 2 - 1
+    source = torch.tensor([2, 0, 1])
+    got = translation_losses(model, videos[:, 1:], videos[:, 0], [source])
+    trans = rec = align = 0.0
+    for j in range(3):
+        context = model.encode_context(videos[j, :1])
+        for t in range(1, 4):
+            z1 = model.encode(videos[source[j], t : t + 1])
+            z3 = model.translate(z1, context)
+            truth = videos[j, t : t + 1]
+            own = model.encode(truth)
+            trans += (model.decode(z3, context) - truth).square().sum() / 9
+            rec += (model.decode(own, context) - truth).square().sum() / 9
+            align += (z3 - own).square().sum() / 9
+    torch.testing.assert_close(got["trans"], trans)
+    torch.testing.assert_close(got["rec"], rec)
+    torch.testing.assert_close(got["align"], align)
+
+
+def test_motion_weight_counts_moving_pixels_more():
+    model = CompactTranslator((16, 16), 12, 8, 8, 16)
+    still = torch.zeros(2, 3, 3, 16, 16)
+    moved = still.clone()
+    moved[:, 1:, :, 4:8, 4:8] = 1.0
+    source = [torch.tensor([1, 0])]
+    with torch.no_grad():
+        plain = translation_losses(model, moved[:, 1:], moved[:, 0], source)
+        weighted = translation_losses(model, moved[:, 1:], moved[:, 0], source, motion_weight=3.0)
+        unmoved = translation_losses(model, still[:, 1:], still[:, 0], source, motion_weight=3.0)
+        unmoved_plain = translation_losses(model, still[:, 1:], still[:, 0], source)
+    assert weighted["rec"] > 2 * plain["rec"]
+    torch.testing.assert_close(unmoved["rec"], unmoved_plain["rec"])
+
+
+def test_psnr_and_squared_error_of_a_known_difference():
+    truth = torch.zeros(2, 3, 8, 8)
+    images = torch.full_like(truth, 0.2)  # 0.1 of the range [0, 1]
+    torch.testing.assert_close(psnr(images, truth), torch.full((2,), 20.0))
+    torch.testing.assert_close(squared_error(images, truth), torch.full((2,), 0.01 * 3 * 64))
+
+
+def test_ssim_is_one_for_equal_images_and_falls_with_noise():
+    truth = torch.rand(2, 3, 48, 48, generator=torch.Generator().manual_seed(0)) * 2 - 1
+    noise = torch.randn(truth.shape, generator=torch.Generator().manual_seed(1))
+    torch.testing.assert_close(ssim(truth, truth), torch.ones(2))
+    slightly, strongly = ssim(truth + 0.1 * noise, truth), ssim(truth + 0.8 * noise, truth)
+    assert (slightly < 1).all()
+    assert (strongly < slightly).all()
+
+
+def test_feature_ratio_is_one_for_standing_still_and_zero_for_the_truth():
+    truth = torch.randn(3, 5, 4, generator=torch.Generator().manual_seed(0))
+    still = truth[:, :1].expand_as(truth)
+    torch.testing.assert_close(feature_ratio(still, truth), torch.ones(3))
+    torch.testing.assert_close(feature_ratio(truth, truth), torch.zeros(3))

@@ -1,0 +1,94 @@
+"""Training learns, repeats under a seed, and resumes bit for bit."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from artifacts import pack, unpack
+from stages.configs import TranslatorConfig
+from stages.translation.evaluation import evaluate_translator
+from stages.translation.training import TranslatorTraining
+
+CONFIG = TranslatorConfig(steps=40, videos=4, frames=2)
+
+
+def moving_squares(n: int, seed: int = 0) -> torch.Tensor:
+    """Videos (n, 6, 16, 16, 3) of a square that moves right, on a background whose colour is the context."""
+    rng = np.random.default_rng(seed)
+    frames = np.empty((n, 6, 16, 16, 3), np.uint8)
+    frames[:] = rng.integers(0, 120, (n, 1, 1, 1, 3))
+    for video, row in zip(frames, rng.integers(2, 11, n), strict=True):
+        for t in range(6):
+            video[t, row : row + 4, 2 * t : 2 * t + 4] = 230
+    return torch.from_numpy(frames)
+
+
+def run(config: TranslatorConfig, steps: int, seed: int = 3) -> TranslatorTraining:
+    training = TranslatorTraining(config, moving_squares(32), seed, "cpu")
+    for _ in range(steps):
+        training.train_step()
+    return training
+
+
+def assert_same(one: TranslatorTraining, other: TranslatorTraining) -> None:
+    for name, value in one.model.state_dict().items():
+        assert torch.equal(value, other.model.state_dict()[name]), name
+    for name, value in one.average.state_dict().items():
+        assert torch.equal(value, other.average.state_dict()[name]), name
+
+
+def test_same_seed_same_weights_other_seed_other_weights():
+    first, second, other = run(CONFIG, 4), run(CONFIG, 4), run(CONFIG, 4, seed=4)
+    assert_same(first, second)
+    assert any(
+        not torch.equal(value, other.model.state_dict()[name]) for name, value in first.model.state_dict().items()
+    )
+
+
+@pytest.mark.parametrize("schedule", ["cosine", "constant"])
+def test_a_restored_training_goes_on_bit_for_bit(schedule):
+    config = dataclasses.replace(CONFIG, schedule=schedule)
+    whole, begun = run(config, 7), run(config, 3)
+    resumed = TranslatorTraining(config, moving_squares(32), 3, "cpu")
+    resumed.restore(unpack(*pack(begun.state())))
+    for _ in range(4):
+        resumed.train_step()
+    assert resumed.step == whole.step
+    assert_same(whole, resumed)
+
+
+@pytest.mark.parametrize("loss", ["trans", "rec", "align"])
+def test_a_loss_that_is_switched_off_does_not_train(loss):
+    plain, without = run(CONFIG, 3), run(dataclasses.replace(CONFIG, without=(loss,)), 3)
+    same = [torch.equal(v, without.model.state_dict()[k]) for k, v in plain.model.state_dict().items()]
+    assert not all(same)
+    everything_off = run(dataclasses.replace(CONFIG, without=("trans", "rec", "align"), weight_decay=0.0), 3)
+    assert_same(
+        everything_off, run(dataclasses.replace(CONFIG, without=("trans", "rec", "align"), weight_decay=0.0), 0)
+    )
+
+
+def test_learns_to_translate_a_moving_square():
+    config = TranslatorConfig(steps=400, videos=16, frames=3, augment=False, ema=0.98)
+    training = TranslatorTraining(config, moving_squares(512), 0, "cpu")
+    held_out = moving_squares(16, seed=9)
+    before = evaluate_translator(training.average, held_out, "cpu")
+    for _ in range(config.steps):
+        training.train_step()
+    after = evaluate_translator(training.average, held_out, "cpu")
+    assert after["copy_psnr"] == pytest.approx(before["copy_psnr"])
+    assert after["psnr"] > after["copy_psnr"] + 3.0
+    assert after["feature_ratio"] < 0.6, "the feature target must lead towards the true video"
+
+
+def test_batches_follow_from_the_seed_alone():
+    training = TranslatorTraining(CONFIG, moving_squares(32), 3, "cpu")
+    videos, contexts, sources = training._batch()
+    assert videos.shape == (4, 2, 3, 16, 16)
+    assert contexts.shape == (4, 3, 16, 16)
+    assert sorted(sources[0].tolist()) == [0, 1, 2, 3]
+    assert not (sources[0] == torch.arange(4)).any(), "no video is translated into its own context"
+    again = TranslatorTraining(CONFIG, moving_squares(32), 3, "cpu")._batch()
+    assert torch.equal(videos, again[0])
