@@ -63,7 +63,7 @@ class TranslatorConfig:
     """Training of the context translator (Sec. IV)."""
 
     arch: str = option("compact", "Network: the paper's, or a compact one for CPUs.", ARCHITECTURES)
-    steps: int = option(4000, "Optimiser steps.", low=1)
+    steps: int = option(6000, "Optimiser steps (0: leave the weights random).", low=0)
     videos: int = option(16, "Videos a step; each is source of one pair and target of another.", low=2)
     frames: int = option(4, "Frames of each video a step, at the same times in all.", low=1)
     pairings: int = option(1, "Pairings of the videos a step.", low=1)
@@ -71,7 +71,7 @@ class TranslatorConfig:
     schedule: str = option("cosine", "Learning-rate schedule.", ("cosine", "constant"))
     weight_decay: float = option(1e-4, "AdamW's weight decay.", low=0)
     lambda_rec: float = option(1.0, "lambda_1, weight of L_rec.", low=0)
-    lambda_align: float = option(0.02, "lambda_2, weight of L_align.", low=0)
+    lambda_align: float = option(0.1, "lambda_2, weight of L_align.", low=0)
     without: tuple[str, ...] = option((), "Switch a loss off (repeatable).", LOSSES)
     motion_weight: float = option(0.0, "Extra weight of pixels that differ from the context frame.", low=0)
     augment: bool = option(True, "Mirror videos and swap green and blue at random.")
@@ -151,6 +151,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             frames=1,
             learning_rate=1e-4,
             schedule="constant",
+            lambda_align=0.02,
             weight_decay=0.0,
             augment=False,
             ema=0.0,

@@ -25,15 +25,13 @@ class EncodedContext:
         features: z_2, (P, D).
         skips: Activations of the convolutions, finest first, each (P, C, h, w).
         image: The frames themselves, (P, 3, H, W).
+        palette: Colours found in the frames, (P, C, 3), where the architecture uses them.
     """
 
     features: Tensor
     skips: list[Tensor]
     image: Tensor
-
-    def take(self, index: Tensor) -> EncodedContext:
-        """The contexts at `index` (P',)."""
-        return EncodedContext(self.features[index], [skip[index] for skip in self.skips], self.image[index])
+    palette: Tensor | None = None
 
 
 class Translator(nn.Module, ABC):
@@ -129,16 +127,27 @@ class CompactTranslator(Translator):
 
     Enc1 = Enc2, so z_2 = Enc1(o_0^j), and T adds a change to it: z_3 = z_2 + T'(z_1, z_2) with T' = 0 at the start.
     Feature tracking therefore starts no worse than the context frame's own features, and learning can only improve
-    on that; Dec likewise adds a change to the context frame. The first convolution has stride 4: at 48x48 most of a
-    CPU's time would go into the two finest resolutions, which carry little.
+    on that.
+
+    Dec paints with the context's own colours: each pixel mixes the context frame's pixel, a few colours that attention
+    found in the context frame (its palette), and a small correction. What moves is a question of geometry alone, and
+    the features need not carry colours.
+
+    The first convolution has stride 4: at 48x48 most of a CPU's time would go into the two finest resolutions, which
+    carry little.
     """
 
     def __init__(
-        self, size: tuple[int, int], feature_size: int = 256, fine: int = 64, coarse: int = 128, hidden: int = 512
+        self,
+        size: tuple[int, int],
+        feature_size: int = 256,
+        fine: int = 64,
+        coarse: int = 128,
+        hidden: int = 512,
+        colours: int = 4,
     ):
         super().__init__()
-        self.feature_size = feature_size
-        self.size = size
+        self.feature_size, self.size, self.colours = feature_size, size, colours
         self.fine_size = (size[0] // 4, size[1] // 4)
         self.coarse_shape = (coarse, (self.fine_size[0] + 1) // 2, (self.fine_size[1] + 1) // 2)
         flat = self.coarse_shape[0] * self.coarse_shape[1] * self.coarse_shape[2]
@@ -152,13 +161,21 @@ class CompactTranslator(Translator):
             nn.LeakyReLU(LEAK),
             nn.Linear(hidden, feature_size),
         )
+        self.palette_coarse = nn.ConvTranspose2d(coarse, fine, 4, stride=2, padding=1)
+        self.palette_fine = nn.ConvTranspose2d(fine, colours, 8, stride=4, padding=2)
+        self.palette_pixels = nn.Sequential(
+            nn.Conv2d(3, 16, 3, padding=1), nn.LeakyReLU(LEAK), nn.Conv2d(16, colours, 1)
+        )
         self.dec_head = nn.Linear(2 * feature_size, flat)
         self.dec_coarse = SkipConvTranspose2d(coarse, coarse, fine, 4)
-        self.dec_fine = SkipConvTranspose2d(fine, fine, 3, 8, stride=4)
+        self.dec_fine = SkipConvTranspose2d(fine, fine, colours + 1 + 3, 8, stride=4)
         he_initialise(self)
         nn.init.zeros_(self.translation[-1].weight)
         nn.init.normal_(self.head.weight, std=flat**-0.5)
-        self.dec_fine.weight.data.mul_(0.1)
+        with torch.no_grad():  # Dec starts near the context frame, with little correction.
+            self.dec_fine.weight.mul_(0.3)
+            self.dec_fine.weight[:, colours + 1 :].mul_(0.1)
+            self.dec_fine.bias[0] = 2.0
 
     def _activations(self, images: Tensor) -> list[Tensor]:
         fine = F.leaky_relu(self.fine(images), LEAK)
@@ -169,19 +186,30 @@ class CompactTranslator(Translator):
 
     def encode_context(self, images: Tensor) -> EncodedContext:
         skips = self._activations(images)
-        return EncodedContext(self.head(skips[-1].flatten(1)), skips, images)
+        return EncodedContext(self.head(skips[-1].flatten(1)), skips, images, self._palette(images, skips))
+
+    def _palette(self, images: Tensor, skips: list[Tensor]) -> Tensor:
+        """Colours (P, C, 3) of context frames (P, 3, H, W): means over pixels, weighted by attention."""
+        height, width = self.fine_size
+        coarse = self.palette_coarse(skips[1])[..., :height, :width]
+        scores = self.palette_pixels(images) + self.palette_fine(F.leaky_relu(coarse + skips[0], LEAK))
+        attention = torch.softmax(2.0 * scores.flatten(2), dim=-1)
+        return torch.einsum("pkx,pcx->pkc", attention, images.flatten(2))
 
     def translate(self, z1: Tensor, context: EncodedContext) -> Tensor:
         z2 = context.features.repeat_interleave(len(z1) // len(context.features), dim=0)
         return z2 + self.translation(torch.cat([z1, z2], dim=1))
 
     def decode(self, features: Tensor, context: EncodedContext) -> Tensor:
-        frames = len(features) // len(context.features)
+        pairs, frames = len(context.features), len(features) // len(context.features)
         z2 = context.features.repeat_interleave(frames, dim=0)
         x = F.leaky_relu(self.dec_head(torch.cat([features - z2, z2], dim=1)), LEAK).unflatten(1, self.coarse_shape)
         x = F.leaky_relu(self._upsample(self.dec_coarse, x, context.skips[1], self.fine_size), LEAK)
-        x = self._upsample(self.dec_fine, x, context.skips[0], self.size)
-        return (x.unflatten(0, (len(context.image), frames)) + context.image[:, None]).flatten(0, 1)
+        x = self._upsample(self.dec_fine, x, context.skips[0], self.size).unflatten(0, (pairs, frames))
+        shares = torch.softmax(x[:, :, : self.colours + 1], dim=2)
+        painted = torch.einsum("pfkhw,pkc->pfchw", shares[:, :, 1:], context.palette)
+        kept = shares[:, :, :1] * context.image[:, None]
+        return (kept + painted + x[:, :, self.colours + 1 :]).flatten(0, 1)
 
 
 def make_translator(arch: str, size: tuple[int, int]) -> Translator:

@@ -158,21 +158,27 @@ def train(
         run.progress.say(f"resuming {out.name} after {training.step} of {config.steps} steps")
     elif run.resume:
         run.progress.say(f"no checkpoint beside {out}: starting from the beginning")
-    held: dict[str, float] = {name: values[-1] for name, values in curve.items()}
+    held = {name: values[-1] for name, values in curve.items() if name.startswith("held_out/")}
+
+    def measure(losses: dict[str, float]) -> None:
+        held.update({f"held_out/{name}": value for name, value in evaluate(training.average).items()})
+        row = {"step": float(training.step), **{f"train/{name}": value for name, value in losses.items()}, **held}
+        for name, value in row.items():
+            curve.setdefault(name, []).append(value)
+        board.write(training.step, row)
+
     start, first = time.monotonic(), training.step
     try:
         with (
             TensorBoard(sibling(out, ".tensorboard"), training.step) as board,
             run.progress.bar(f"train-translator ({config.arch})", config.steps, "steps") as bar,
         ):
+            if config.steps == 0:
+                measure({})
             while training.step < config.steps:
                 losses = training.train_step()
                 if training.step % config.evaluate_every == 0 or training.step == config.steps:
-                    held = {f"held_out/{name}": value for name, value in evaluate(training.average).items()}
-                    row = {"step": float(training.step), **{f"train/{k}": v for k, v in losses.items()}, **held}
-                    for name, value in row.items():
-                        curve.setdefault(name, []).append(value)
-                    board.write(training.step, row)
+                    measure(losses)
                 shown = {k: held[f"held_out/{k}"] for k in ("psnr", "copy_psnr", "feature_ratio") if held}
                 bar.update(training.step, trans=losses["trans"], rec=losses["rec"], **shown)
                 if training.step % config.checkpoint_every == 0 and training.step < config.steps:

@@ -1,0 +1,65 @@
+"""The whole pipeline at toy size, run once, as a user would: five commands joined by pipes."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+IFO = f"{shlex.quote(sys.executable)} -m ifo_cli.main"
+PIPELINE = (
+    f"{IFO} collect-demos reach --preset toy --seed 5 | {IFO} train-translator --preset toy | {IFO} translate"
+    f" | {IFO} learn-policy --preset toy | {IFO} evaluate --json"
+)
+
+
+@dataclass(frozen=True)
+class ToyRun:
+    """A finished toy pipeline: its folder, seconds, standard output and standard error."""
+
+    folder: Path
+    seconds: float
+    stdout: str
+    stderr: str
+
+    @property
+    def summary(self) -> dict:
+        return json.loads(self.stdout)
+
+    def artifact(self, kind: str) -> Path:
+        (path,) = (self.folder / "runs").glob(f"*.{kind}.h5")
+        return path
+
+
+def environment() -> dict[str, str]:
+    root = Path(__file__).resolve().parents[2]
+    return {**os.environ, "PYTHONPATH": str(root)}
+
+
+@pytest.fixture(scope="session")
+def toy(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("toy")
+    start = time.monotonic()
+    done = subprocess.run(
+        ["bash", "-o", "pipefail", "-c", PIPELINE], cwd=folder, env=environment(), capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    return ToyRun(folder, time.monotonic() - start, done.stdout, done.stderr)
+
+
+@pytest.fixture
+def ifo():
+    """A function that runs one `ifo` command in a folder and returns the finished process."""
+
+    def run(folder: Path, *words: object, **options) -> subprocess.CompletedProcess:
+        command = [sys.executable, "-m", "ifo_cli.main", *map(str, words)]
+        return subprocess.run(command, cwd=folder, env=environment(), capture_output=True, text=True, **options)
+
+    return run

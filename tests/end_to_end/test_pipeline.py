@@ -1,0 +1,92 @@
+"""From nothing to an evaluated policy, by five commands and four pipes."""
+
+import av
+import numpy as np
+import pytest
+
+from artifacts import read_artifact, read_mp4
+
+pytestmark = pytest.mark.gl
+KINDS = ("expert", "demos", "translator", "translation", "policy", "evaluation")
+# What the same command writes again, whatever the clock says.
+TIMING = ("curve/seconds",)
+
+
+def assert_same_data(one, other):
+    names = set(read_artifact(one).names())
+    assert names == set(read_artifact(other).names())
+    for name in names - set(TIMING):
+        np.testing.assert_array_equal(read_artifact(one)[name], read_artifact(other)[name], err_msg=name)
+
+
+def test_the_pipeline_ends_within_90_seconds_and_prints_one_json_object(toy):
+    assert toy.seconds < 90
+    assert toy.stdout.count("\n") == 1
+    assert toy.summary["kind"] == "evaluation"
+    assert toy.summary["runs"] == 1
+    assert 0.0 < toy.summary["normalised_distance"] < 3.0
+
+
+def test_every_artifact_verifies_and_knows_where_it_came_from(toy, ifo):
+    done = ifo(toy.folder, "verify", *(toy.artifact(kind) for kind in KINDS))
+    assert done.returncode == 0, done.stderr
+    kind, chain = "evaluation", []
+    artifact = read_artifact(toy.artifact(kind))
+    while artifact.manifest.parents:
+        artifact = artifact.parent(artifact.manifest.parents[0].kind, check=True)
+        chain.append(artifact.kind)
+    assert chain == ["policy", "translation", "translator", "demos", "expert"]
+    assert {read_artifact(toy.artifact(kind)).manifest.seed for kind in KINDS} == {5}
+
+
+def test_videos_are_h264_and_show_every_frame(toy):
+    for kind in ("demos", "translation", "policy", "evaluation"):
+        path = toy.artifact(kind).with_suffix(".mp4")
+        with av.open(str(path)) as container:
+            assert container.streams.video[0].codec_context.name == "h264"
+        assert len(read_mp4(path)) == 25
+
+
+@pytest.mark.parametrize(
+    ("stage", "reads", "writes"),
+    [
+        ("train-translator", "demos", "translator"),
+        ("translate", "translator", "translation"),
+        ("learn-policy", "translation", "policy"),
+        ("evaluate", "policy", "evaluation"),
+    ],
+)
+def test_each_stage_can_be_rerun_alone_with_the_same_result(toy, ifo, tmp_path, stage, reads, writes):
+    out = tmp_path / f"again.{writes}.h5"
+    done = ifo(toy.folder, stage, toy.artifact(reads), "--out", out)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == f"{out}\n"
+    assert_same_data(out, toy.artifact(writes))
+
+
+def test_demos_do_not_depend_on_the_number_of_workers(toy, ifo, tmp_path):
+    out = tmp_path / "one.demos.h5"
+    expert = toy.artifact("expert")
+    words = ("collect-demos", "reach", "--preset", "toy", "--seed", 5, "--expert", expert, "--out", out)
+    done = ifo(toy.folder, *words, "--workers", 1)
+    assert done.returncode == 0, done.stderr
+    assert_same_data(out, toy.artifact("demos"))
+
+
+@pytest.mark.parametrize("option", [("--reward", "oracle"), ("--reward", "video"), ("--learner", "ppo")])
+def test_other_rewards_and_learners(toy, ifo, tmp_path, option):
+    out = tmp_path / "other.policy.h5"
+    done = ifo(toy.folder, "learn-policy", toy.artifact("translation"), *option, "--out", out)
+    assert done.returncode == 0, done.stderr
+    curve = read_artifact(out, "policy")["curve/normalised_distance"]
+    assert len(curve) == 3
+    assert np.isfinite(curve).all()
+
+
+def test_an_empty_pipe_says_so(toy, ifo):
+    for stage in ("train-translator", "translate", "learn-policy", "evaluate"):
+        done = ifo(toy.folder, stage, input="")
+        assert done.returncode == 3
+        assert done.stdout == ""
+        assert len(done.stderr.strip().splitlines()) == 1
+        assert "standard input" in done.stderr

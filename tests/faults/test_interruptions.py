@@ -1,0 +1,137 @@
+"""Stages killed in the middle: nothing half-written, and --resume ends where an undisturbed run does."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from artifacts import read_artifact, verify_artifact
+
+pytestmark = pytest.mark.gl
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def start(folder, words):
+    command = [sys.executable, "-m", "ifo_cli.main", *map(str, words)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.Popen(
+        command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def finish(folder, words):
+    process = start(folder, words)
+    stdout, stderr = process.communicate(timeout=300)
+    return process.returncode, stdout, stderr
+
+
+def interrupt(folder, words, checkpoint, signal_number):
+    """Start a stage and send it a signal once it has written a checkpoint."""
+    process = start(folder, words)
+    deadline = time.monotonic() + 120
+    while not checkpoint.exists() and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert process.poll() is None, process.communicate()
+    process.send_signal(signal_number)
+    _, stderr = process.communicate(timeout=60)
+    return process.returncode, stderr
+
+
+def assert_same_weights(one, other):
+    first, second = read_artifact(one), read_artifact(other)
+    names = [name for name in first.names() if name.startswith(("weights/", "curve/")) and name != "curve/seconds"]
+    assert names
+    for name in names:
+        np.testing.assert_array_equal(first[name], second[name], err_msg=name)
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    """A folder with toy demos and a toy translation."""
+    folder = tmp_path_factory.mktemp("inputs")
+    for words in (
+        ("collect-demos", "reach", "--preset", "toy"),
+        ("train-translator", "runs/reach.demos.h5", "--steps", 4),
+        ("translate", "runs/reach.translator.h5"),
+    ):
+        code, _, stderr = finish(folder, words)
+        assert code == 0, stderr
+    return folder
+
+
+CASES = {
+    "train-expert": (
+        ("train-expert", "reach", "--preset", "toy", "--iterations", 12, "--checkpoint-every", 2),
+        "expert",
+    ),
+    "train-translator": (("train-translator", "runs/reach.demos.h5", "--steps", 60, "--checkpoint-every", 20), "translator"),
+    "learn-policy": (
+        ("learn-policy", "runs/reach-c0.translation.h5", "--iterations", 12, "--checkpoint-every", 2),
+        "policy",
+    ),
+}
+
+
+@pytest.mark.parametrize("stage", CASES)
+def test_sigkill_then_resume_gives_the_undisturbed_result(stage, inputs, tmp_path):
+    words, kind = CASES[stage]
+    whole, killed = tmp_path / f"whole.{kind}.h5", tmp_path / f"killed.{kind}.h5"
+    code, _, stderr = finish(inputs, (*words, "--out", whole))
+    assert code == 0, stderr
+    checkpoint = tmp_path / f"killed.{kind}.checkpoint.h5"
+    code, _ = interrupt(inputs, (*words, "--out", killed), checkpoint, signal.SIGKILL)
+    assert code == -signal.SIGKILL
+    assert not killed.exists(), "an unfinished stage leaves no artifact"
+    verify_artifact(checkpoint)
+    code, stdout, stderr = finish(inputs, (*words, "--out", killed, "--resume"))
+    assert code == 0, stderr
+    assert "resuming" in stderr
+    assert stdout == f"{killed}\n"
+    assert not checkpoint.exists()
+    assert_same_weights(whole, killed)
+
+
+def test_control_c_keeps_the_checkpoint_and_says_how_to_go_on(inputs, tmp_path):
+    words, kind = CASES["train-translator"]
+    out, checkpoint = tmp_path / f"x.{kind}.h5", tmp_path / f"x.{kind}.checkpoint.h5"
+    code, stderr = interrupt(inputs, (*words, "--out", out), checkpoint, signal.SIGINT)
+    assert code == 130, stderr
+    assert not out.exists()
+    assert "--resume" in stderr.splitlines()[-1]
+    verify_artifact(checkpoint)
+
+
+def test_resume_refuses_other_options_and_keeps_the_checkpoint(inputs, tmp_path):
+    words, kind = CASES["train-translator"]
+    out, checkpoint = tmp_path / f"x.{kind}.h5", tmp_path / f"x.{kind}.checkpoint.h5"
+    interrupt(inputs, (*words, "--out", out), checkpoint, signal.SIGKILL)
+    kept = checkpoint.read_bytes()
+    code, stdout, stderr = finish(inputs, (*words, "--out", out, "--learning-rate", 0.5, "--resume"))
+    assert code == 2
+    assert stdout == ""
+    assert "learning_rate" in stderr
+    assert checkpoint.read_bytes() == kept
+
+
+@pytest.mark.parametrize("delay", [0.5, 2.0, 3.5])
+def test_killing_collect_demos_leaves_the_old_demos_or_new_ones(delay, inputs, tmp_path):
+    out = tmp_path / "x.demos.h5"
+    old = (inputs / "runs" / "reach.demos.h5").read_bytes()
+    out.write_bytes(old)
+    words = ("collect-demos", "reach", "--preset", "toy", "--seed", 3, "--n", 512)
+    expert = next((inputs / "runs").glob("*.expert.h5"))
+    process = start(inputs, (*words, "--expert", expert, "--out", out))
+    time.sleep(delay)
+    process.kill()
+    process.communicate(timeout=60)
+    frames = read_artifact(out, "demos")["frames"]
+    assert len(frames) in (64, 512)
+    if len(frames) == 64:
+        assert out.read_bytes() == old

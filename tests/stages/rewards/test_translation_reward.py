@@ -1,0 +1,114 @@
+"""The reward is Sec. V.A's, scaled to order one."""
+
+import numpy as np
+import pytest
+import torch
+
+from stages.rewards.state import OracleReward
+from stages.rewards.translation import TrackingTarget, TranslationReward, motion
+from stages.simulation.contexts import DISTRIBUTIONS
+from stages.simulation.reach import Reach
+from stages.simulation.render import RenderPool
+from stages.simulation.task import State
+from stages.translation.networks import CompactTranslator, to_images
+
+pytestmark = pytest.mark.gl
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """A task, one context, a path of joint angles and the frames that it shows."""
+    task = Reach()
+    context = task.draw_contexts(np.random.default_rng(0), 1, DISTRIBUTIONS["paper"])
+    qpos = context["initial_qpos"] + np.linspace(0, 1, task.frames)[:, None] * np.array([1.0, -0.5, 0.5])
+    pool = RenderPool(task.build().to_xml_string(), *task.frame_size, 1)
+    frames = pool.render(task.model_fields(context), qpos[None])[0]
+    yield task, context, qpos, frames, pool
+    pool.close()
+
+
+def make(scene, **options):
+    task, context, _, frames, pool = scene
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        model = CompactTranslator((48, 48), 16, 8, 16, 16).requires_grad_(False)
+    images = to_images(torch.from_numpy(frames))
+    features = model.encode(images)
+    target = TrackingTarget(features, images, float(motion(features[None])), float(motion(images[None])))
+    return TranslationReward(task, context, model, target, pool, **options), model, target
+
+
+def episode(reward, task, qpos):
+    """Rewards (50, n) along frames' joint angles (T, 3), given to a batch of two equal simulations."""
+    got = []
+    for step in range(1, task.control_steps + 1):
+        at = qpos[min(step // task.frame_every, task.frames - 1)]
+        state = State(np.tile(at, (2, 1)), np.zeros((2, 3)), np.zeros((2, 1, 3)), np.zeros(2))
+        got.append(reward(step, state, np.zeros((2, 3)), {}))
+    return np.stack(got)
+
+
+def test_following_the_target_returns_nothing_and_standing_still_minus_one_a_term(scene):
+    task, _, qpos, _, _ = scene
+    reward, _, _ = make(scene)
+    np.testing.assert_allclose(episode(reward, task, qpos), 0.0, atol=1e-6)
+    reward.terms()
+    still = episode(reward, task, np.tile(qpos[0], (task.frames, 1)))
+    np.testing.assert_allclose(still.sum(axis=0), -2.0, rtol=1e-4)
+    terms = reward.terms()
+    assert terms["feat"] == pytest.approx(-1.0, rel=1e-4)
+    assert terms["img"] == pytest.approx(-1.0, rel=1e-4)
+    assert terms["return"] == pytest.approx(-2.0, rel=1e-4)
+
+
+def test_reward_equals_its_definition_at_one_frame(scene):
+    task, _, qpos, frames, _ = scene
+    reward, model, target = make(scene, image_weight=0.25)
+    state = State(qpos[None, 3], np.zeros((1, 3)), np.zeros((1, 1, 3)), np.zeros(1))
+    got = reward(20, state, np.zeros((1, 3)), {})  # frame 10, while the arm is where the target was at frame 3
+    image = to_images(torch.from_numpy(frames[3]))
+    feat = (model.encode(image[None])[0] - target.features[10]).square().sum() / target.feature_scale
+    img = (image - target.images[10]).square().sum() / target.image_scale
+    np.testing.assert_allclose(got, [-float(feat) - 0.25 * float(img)], rtol=1e-5)
+
+
+def test_only_steps_that_a_frame_shows_are_rewarded(scene):
+    task, _, qpos, _, _ = scene
+    reward, _, _ = make(scene)
+    still = episode(reward, task, np.tile(qpos[0], (task.frames, 1)))
+    rewarded = np.flatnonzero(np.abs(still[:, 0]) > 0) + 1  # control steps, counted from 1
+    assert set(rewarded) <= set(range(2, 50, 2))
+    assert 48 in rewarded
+
+
+@pytest.mark.parametrize(("without", "left"), [("feat", "img"), ("img", "feat")])
+def test_a_term_can_be_left_out(scene, without, left):
+    task, _, qpos, _, _ = scene
+    reward, _, _ = make(scene, without=(without,))
+    still = episode(reward, task, np.tile(qpos[0], (task.frames, 1)))
+    np.testing.assert_allclose(still.sum(axis=0), -1.0, rtol=1e-4)
+    assert set(reward.terms()) == {left, "return"}
+
+
+def test_the_quadratic_ramp_weights_late_frames_and_keeps_the_mean(scene):
+    task, _, qpos, _, _ = scene
+    plain, _, _ = make(scene)
+    ramped, _, _ = make(scene, ramp="quadratic")
+    path = np.tile(qpos[0], (task.frames, 1))
+    ratio = episode(ramped, task, path)[1::2][:24, 0] / episode(plain, task, path)[1::2][:24, 0]
+    j = np.arange(1, 25)
+    np.testing.assert_allclose(ratio, j**2 / np.mean(np.arange(25) ** 2), rtol=1e-5)
+
+
+def test_the_oracle_rewards_the_final_distance_alone():
+    task = Reach()
+    contexts = task.draw_contexts(np.random.default_rng(1), 3, DISTRIBUTIONS["paper"])
+    reward = OracleReward(task)
+    goal = np.concatenate([contexts["goal"], np.zeros((3, 1))], axis=1)[:, None]
+
+    def at(offset):
+        return State(np.zeros((3, 3)), np.zeros((3, 3)), goal + np.array([offset, 0, 0]), np.zeros(3))
+
+    np.testing.assert_array_equal(reward(1, at(0.8), np.zeros((3, 3)), contexts), 0.0)
+    np.testing.assert_array_equal(reward(49, at(0.5), np.zeros((3, 3)), contexts), 0.0)
+    np.testing.assert_allclose(reward(50, at(0.2), np.zeros((3, 3)), contexts), -0.25)
