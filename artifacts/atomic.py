@@ -41,9 +41,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         _fsync_folder(path.parent)
     except OSError as error:
         reason = " ".join((error.strerror or str(error)).split())
-        raise PlatformError(
-            f"{path}: cannot be written ({reason}): free some room or choose another --out"
-        ) from error
+        raise PlatformError(f"{path}: cannot be written ({reason}): free some room or choose another --out") from error
 
 
 def write_bytes(path: str | Path, data: bytes) -> Path:

@@ -33,9 +33,7 @@ def write_checkpoint(
     text, arrays = pack({"stage": stage, "state": tree})
     datasets = {f"arrays/{name}": array for name, array in arrays.items()}
     datasets["tree"] = np.frombuffer(text.encode("ascii"), np.uint8)
-    return write_artifact(
-        path, "checkpoint", datasets, config=config, seed=seed, command=command, parents=parents
-    )
+    return write_artifact(path, "checkpoint", datasets, config=config, seed=seed, command=command, parents=parents)
 
 
 def read_checkpoint(path: str | Path, *, stage: str) -> tuple[Manifest, Any]:
@@ -57,9 +55,7 @@ def read_checkpoint(path: str | Path, *, stage: str) -> tuple[Manifest, Any]:
             f"{path} is no readable checkpoint ({error}): start the stage again without --resume"
         ) from error
     if found != stage:
-        raise ArtifactError(
-            f"{path} is a checkpoint of {found}, expected one of {stage}: start again without --resume"
-        )
+        raise ArtifactError(f"{path} is a checkpoint of {found}, expected one of {stage}: start again without --resume")
     return artifact.manifest, tree
 
 

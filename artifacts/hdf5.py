@@ -45,16 +45,12 @@ def check_arrays(arrays: Mapping[str, np.ndarray]) -> None:
     for name, array in arrays.items():
         parts = name.split("/")
         if any(part in ("", ".", "..") or "\0" in part for part in parts):
-            raise ArtifactError(
-                f"dataset name {name!r} is not usable: expected parts joined by single slashes"
-            )
+            raise ArtifactError(f"dataset name {name!r} is not usable: expected parts joined by single slashes")
         for i in range(1, len(parts)):
             if "/".join(parts[:i]) in arrays:
                 raise ArtifactError(f"dataset {'/'.join(parts[:i])} cannot also be the group of {name}")
         if array.dtype.kind not in STORABLE:
-            raise ArtifactError(
-                f"dataset {name} has type {array.dtype}: expected numbers, booleans or strings"
-            )
+            raise ArtifactError(f"dataset {name} has type {array.dtype}: expected numbers, booleans or strings")
 
 
 def write_dataset(file: h5py.File, name: str, array: np.ndarray) -> None:

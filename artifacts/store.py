@@ -335,8 +335,7 @@ def _check_parent(child: Path, parent: Parent) -> None:
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error
     if changed:
         raise ArtifactError(
-            f"{child} was made from {path}, which has changed since: put the old file back, or make "
-            f"{child.name} again"
+            f"{child} was made from {path}, which has changed since: put the old file back, or make {child.name} again"
         )
 
 

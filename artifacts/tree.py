@@ -68,8 +68,7 @@ def _encode(value: Any, arrays: dict[str, np.ndarray], where: str) -> Any:
                 raise TypeError(f"{where} has the key {key!r}: expected str or int")
         return {
             "dict": [
-                [_encode(key, arrays, where), _encode(item, arrays, f"{where}[{key!r}]")]
-                for key, item in value.items()
+                [_encode(key, arrays, where), _encode(item, arrays, f"{where}[{key!r}]")] for key, item in value.items()
             ]
         }
     if kind is np.ndarray and value.dtype.kind in ARRAY_KINDS:
@@ -77,9 +76,7 @@ def _encode(value: Any, arrays: dict[str, np.ndarray], where: str) -> Any:
         arrays[name] = value
         return {"array": name}
     described = f"an array of {value.dtype}" if isinstance(value, np.ndarray) else f"a {kind.__name__}"
-    raise TypeError(
-        f"{where} is {described}: expected plain values or arrays of numbers, booleans or strings"
-    )
+    raise TypeError(f"{where} is {described}: expected plain values or arrays of numbers, booleans or strings")
 
 
 def _encode_scalar(value: np.generic, where: str) -> Any:

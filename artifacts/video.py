@@ -164,18 +164,14 @@ def contact_sheet(frames: np.ndarray, n: int = 20, moments: int = 5) -> np.ndarr
     strips = [list(frames[video][times]) for video in videos]
     columns = max(1, round(math.sqrt(len(strips) / moments)))
     depth = math.ceil(len(strips) / columns)
-    rows: list[list[np.ndarray]] = [
-        [cell for strip in strips[i::depth] for cell in strip] for i in range(depth)
-    ]
+    rows: list[list[np.ndarray]] = [[cell for strip in strips[i::depth] for cell in strip] for i in range(depth)]
     return tile_videos(rows, scale=2)[0]
 
 
 def _checked(frames: np.ndarray, ndim: int) -> np.ndarray:
     frames = np.asarray(frames)
     if frames.ndim != ndim or frames.shape[-1] != 3 or frames.dtype != np.uint8 or frames.size == 0:
-        raise ValueError(
-            f"expected {ndim} axes, the last of 3 colours, uint8; got {frames.shape} {frames.dtype}"
-        )
+        raise ValueError(f"expected {ndim} axes, the last of 3 colours, uint8; got {frames.shape} {frames.dtype}")
     return frames
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 import traceback
@@ -97,6 +98,9 @@ def _ifo(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     words = list(sys.argv[1:] if arguments is None else arguments)
+    # Threads that spin while they wait make everything ten times slower as soon as another process wants their core,
+    # a render process for one. Read when torch is imported, hence set here.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     try:
         code = _run(words)
         if sys.stdout is not None:

@@ -60,8 +60,8 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
         while kept < config.n:
             if kept + dropped >= MAX_ATTEMPTS * max(config.n, CHUNK):
                 raise ArtifactError(
-                    f"{expert}: the expert failed in {dropped} of {kept + dropped} contexts, expected at least a quarter "
-                    f"to end below {task.expert_threshold} of the initial distance; train it longer "
+                    f"{expert}: the expert failed in {dropped} of {kept + dropped} contexts, expected at least a "
+                    f"quarter to end below {task.expert_threshold} of the initial distance; train it longer "
                     f"(ifo train-expert {task_name}), or keep failures (--keep-failures)"
                 )
             drawn = task.draw_contexts(generator(run.seed, "demos", chunks), CHUNK, drawn_from)

@@ -51,7 +51,7 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     name = stem_of(sources[0].path) + (f"-and-{len(sources) - 1}-more" if len(sources) > 1 else "")
     out = run.out or default_path(sources[0].path.parent, name, "evaluation")
     results: dict[str, list[np.ndarray]] = {}
-    videos = []
+    videos: list[np.ndarray] = []
     with (
         RenderPool(task.build().to_xml_string(), *task.frame_size, 1) as pool,
         run.progress.bar("evaluate", len(sources), "policies") as bar,
@@ -81,10 +81,10 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     write_mp4(sibling(out, ".mp4"), tile_videos([videos], labels=labels), fps=10)
     low, high = summary["success_paper_interval"]
     run.progress.say(
-        f"evaluation: final distance {summary['normalised_distance_stochastic']:.3f} of the initial one (stochastic), "
-        f"{summary['normalised_distance']:.3f} (deterministic); {summary['succeeded']} of {len(sources)} runs succeed by "
-        f"the paper's criterion (95% interval {low:.2f} to {high:.2f}), {100 * summary['success_deterministic']:.0f}% of "
-        "deterministic episodes"
+        f"evaluation: {summary['normalised_distance_stochastic']:.3f} of the initial distance is left (stochastic "
+        f"policy; deterministic {summary['normalised_distance']:.3f}); {summary['succeeded']} of {len(sources)} runs "
+        f"succeed by the paper's criterion (95% interval {low:.2f} to {high:.2f}), "
+        f"{summary['success_deterministic']:.0%} of deterministic episodes"
     )
     pictures = {"curves": str(sibling(out, ".png")), "video": str(sibling(out, ".mp4"))}
     return StageResult(out, {**summary, **pictures})
@@ -114,10 +114,10 @@ def _episodes(
     from stages.simulation.batch import rollout
 
     same = repeat(contexts, episodes)
-    start = task.draw_states(generator(seed, "evaluate", index), same)
+    qpos, qvel = task.draw_states(generator(seed, "evaluate", index), same)
     noise = torch.Generator().manual_seed(integer(seed, "evaluate-noise", index))
-    calm = rollout(task, same, *start, lambda state, _: policy.act(task.observe(state)), 1)
-    noisy = rollout(task, same, *start, lambda state, _: policy.act(task.observe(state), noise), 1)
+    calm = rollout(task, same, qpos, qvel, lambda state, _: policy.act(task.observe(state)), 1)
+    noisy = rollout(task, same, qpos, qvel, lambda state, _: policy.act(task.observe(state), noise), 1)
     return {
         "initial_distance": calm.distance[:, 0],
         "final_distance": calm.distance[:, -1],

@@ -1,4 +1,4 @@
-"""learn-policy: reinforcement learning in the learner's context, on the reward that the translation defines (Sec. V)."""
+"""learn-policy: reinforcement learning in the learner's context, on the translation's reward (Sec. V)."""
 
 from __future__ import annotations
 
@@ -48,11 +48,9 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     xml = task.build().to_xml_string()
     reward = make_reward(config, task, source, contexts, xml, workers, device)
     try:
-        env = EpisodeEnv(
-            task, config.episodes, run.seed, lambda rng, n: repeat(contexts, n), reward, nthread=workers
-        )
+        env = EpisodeEnv(task, config.episodes, run.seed, lambda rng, n: repeat(contexts, n), reward, nthread=workers)
         described = full_config("learn-policy", config, run, task=task.name)
-        described |= {"observation_size": env.observation_space.shape[0], "action_size": task.action_size}
+        described |= {"observation_size": env.observation_size, "action_size": task.action_size}
         model, curve = learn(env, config, run, out, "learn-policy", described, [source.path])
     finally:
         reward.close()
@@ -60,9 +58,7 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     write_artifact(
         out,
         "policy",
-        policy_weights(model)
-        | curve_arrays(curve)
-        | {f"contexts/{name}": values for name, values in contexts.items()},
+        policy_weights(model) | curve_arrays(curve) | {f"contexts/{name}": values for name, values in contexts.items()},
         config=described,
         seed=run.seed,
         command=run.command,

@@ -48,7 +48,7 @@ class _PlainBar(Bar):
         self._description, self._total, self._unit = description, total, unit
         self._start = self._last = time.monotonic()
         self._first: int | None = None
-        self._line = ""
+        self._line = self._printed = ""
 
     def update(self, done: int, **figures: Any) -> None:
         now = time.monotonic()
@@ -58,11 +58,11 @@ class _PlainBar(Bar):
         left = f", {(self._total - done) / rate:.0f} s left" if rate > 0 and done < self._total else ""
         self._line = f"{self._description}: {done}/{self._total} {self._unit}, {rate:.1f}/s{left}{_format(figures)}"
         if now - self._last >= PLAIN_INTERVAL:
-            self._last = now
+            self._last, self._printed = now, self._line
             print(self._line, file=sys.stderr, flush=True)
 
     def finish(self) -> None:
-        if self._line:
+        if self._line != self._printed:
             print(self._line, file=sys.stderr, flush=True)
 
 
@@ -95,8 +95,6 @@ def _rich_bar(description: str, total: int, unit: str) -> Iterator[Bar]:
             def update(self, done: int, **figures: Any) -> None:
                 first[0] = done if first[0] < 0 else first[0]
                 rate = max(done - first[0], 0) / max(time.monotonic() - start, 1e-9)
-                progress.update(
-                    task, completed=done, rate=f"{rate:.1f}/s", figures=_format(figures).removeprefix(", ")
-                )
+                progress.update(task, completed=done, rate=f"{rate:.1f}/s", figures=_format(figures).removeprefix(", "))
 
         yield RichBar()

@@ -26,9 +26,11 @@ def train_expert(task_name: str, config: ExpertConfig, run: RunOptions) -> Stage
     from stages.learners.loop import curve_arrays, learn
     from stages.learners.policy import Policy, policy_weights
     from stages.rewards.state import ExpertReward
+    from stages.simulation.gl import choose_backend
     from stages.simulation.tasks import distribution, make_task
     from stages.threads import use_threads
 
+    choose_backend(required=False)  # Draws nothing; but mujoco settles on a backend when it is imported.
     task = make_task(task_name)
     device = pick_device(run.device)
     workers = use_threads(pick_workers(run.workers))
@@ -44,7 +46,7 @@ def train_expert(task_name: str, config: ExpertConfig, run: RunOptions) -> Stage
         nthread=workers,
     )
     described = full_config("train-expert", config, run, task=task_name)
-    described |= {"observation_size": env.observation_space.shape[0], "action_size": task.action_size}
+    described |= {"observation_size": env.observation_size, "action_size": task.action_size}
     model, curve = learn(env, config, run, out, "train-expert", described, [], device)
     report = _test(task, Policy.of(model), config, run)
     distances, spread = report["test/normalised_distance"], report["test/spread"]

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 
 from stages.simulation.gl import choose_backend
+
+# Before torch is imported, here and in the processes that tests start: small work is fastest on one thread, and
+# spinning threads would wait for each other on a busy machine.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 BACKEND = choose_backend(required=False)
 

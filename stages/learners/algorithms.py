@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 import torch
+from sb3_contrib import TRPO
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
-from sb3_contrib import TRPO
 
 from stages.configs import LearnerConfig
 from stages.learners.environment import EpisodeEnv
+
 
 def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int, device: str = "cpu") -> BaseAlgorithm:
     """A Stable-Baselines3 algorithm over `env`, silent (the caller logs), seeded."""
@@ -74,7 +75,7 @@ def learner_state(model: BaseAlgorithm) -> dict[str, Any]:
     """Everything that decides how learning goes on, as a tree of arrays and numbers."""
     from stages.state import to_tree
 
-    variables = model._get_torch_save_params()[1]  # noqa: SLF001 - SB3 has no public list of them
+    variables = model._get_torch_save_params()[1]
     state = {
         "parameters": to_tree(model.get_parameters()),
         "variables": to_tree({name: getattr(model, name) for name in variables}),
@@ -84,8 +85,7 @@ def learner_state(model: BaseAlgorithm) -> dict[str, Any]:
         "updates": int(getattr(model, "_n_updates", 0)),
         "episode": model.env.episode if isinstance(model.env, EpisodeEnv) else 0,
     }
-    if isinstance(model, SAC):
-        buffer = model.replay_buffer
+    if isinstance(model, SAC) and (buffer := model.replay_buffer) is not None:
         names = ("observations", "next_observations", "actions", "rewards", "dones")
         end = buffer.buffer_size if buffer.full else buffer.pos
         state["replay"] = {name: getattr(buffer, name)[:end] for name in names}
@@ -101,15 +101,15 @@ def restore_learner(model: BaseAlgorithm, state: dict[str, Any]) -> None:
     for name, value in from_tree(state["variables"]).items():
         getattr(model, name).data.copy_(value)
     model.num_timesteps = state["samples"]
-    model._n_updates = state["updates"]  # type: ignore[attr-defined]
-    if isinstance(model, SAC):
+    model._n_updates = state["updates"]
+    if isinstance(model, SAC) and (buffer := model.replay_buffer) is not None:
         for name, value in state["replay"].items():
-            getattr(model.replay_buffer, name)[: len(value)] = value
-        model.replay_buffer.pos, model.replay_buffer.full = state["replay_position"]
+            getattr(buffer, name)[: len(value)] = value
+        buffer.pos, buffer.full = state["replay_position"]
     env = model.env
     assert isinstance(env, EpisodeEnv)
     env.episode = state["episode"] - 1  # The running episode was drawn before the state was taken: draw it again.
-    model._last_obs = env.reset()  # noqa: SLF001
-    model._last_episode_starts = np.ones(env.num_envs, bool)  # noqa: SLF001
+    model._last_obs = env.reset()
+    model._last_episode_starts = np.ones(env.num_envs, bool)
     np.random.set_state(tuple(state["numpy"]))
     torch.set_rng_state(torch.from_numpy(np.asarray(state["torch"], np.uint8)))

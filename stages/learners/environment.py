@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,8 @@ class EpisodeEnv(VecEnv):
         distances: Normalised final distances (nsim,) of the episodes that ended since the last `pop_distances`.
     """
 
+    render_mode = None
+
     def __init__(
         self,
         task: Task,
@@ -49,9 +51,9 @@ class EpisodeEnv(VecEnv):
         self._actions = np.zeros((nsim, task.action_size))
         self._step = 0
         self.distances: list[np.ndarray] = []
-        size = self._reset_all().shape[1]
+        self.observation_size = self._reset_all().shape[1]
         self.episode = 0
-        observation_space = spaces.Box(-np.inf, np.inf, (size,), np.float32)
+        observation_space = spaces.Box(-np.inf, np.inf, (self.observation_size,), np.float32)
         super().__init__(nsim, observation_space, spaces.Box(-1.0, 1.0, (task.action_size,), np.float32))
 
     def _observe(self, state: State) -> np.ndarray:
@@ -104,5 +106,5 @@ class EpisodeEnv(VecEnv):
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
         return [getattr(self, method_name)(*method_args, **method_kwargs)]
 
-    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> Sequence[bool]:
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         return [False] * self.num_envs

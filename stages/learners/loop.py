@@ -103,16 +103,14 @@ def learn(
     return model, curve
 
 
-def check_same_run(
-    path: Path, found: dict[str, Any], found_seed: int, wanted: dict[str, Any], seed: int
-) -> None:
+def check_same_run(path: Path, found: dict[str, Any], found_seed: int, wanted: dict[str, Any], seed: int) -> None:
     """Raise UsageError unless a checkpoint belongs to the run that wants to resume it."""
     other = sorted(key for key in found.keys() | wanted.keys() if found.get(key) != wanted.get(key))
     if found_seed != seed:
         other.append("seed")
     if other:
         raise UsageError(
-            f"--resume: {path} was written with another {', '.join(other)}; give the same options, or leave --resume out"
+            f"--resume: {path} was written with another {', '.join(other)}; give the same options, or start anew"
         )
 
 

@@ -51,7 +51,9 @@ class Policy:
             network.load_state_dict(from_tree(artifact.group("weights")))
         except RuntimeError as error:
             reason = " ".join(str(error).split())
-            raise ArtifactError(f"{artifact.path}: the weights do not fit the network it describes ({reason})") from error
+            raise ArtifactError(
+                f"{artifact.path}: the weights do not fit the network it describes ({reason})"
+            ) from error
         return cls(network)
 
     def act(self, observation: np.ndarray, noise: torch.Generator | None = None) -> np.ndarray:

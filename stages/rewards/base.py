@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from stages.simulation.contexts import Contexts
-from stages.simulation.task import State, Task
+from stages.simulation.task import State
 
 
 class Reward(Protocol):

@@ -3,9 +3,9 @@
 R(o_t) = R_feat(o_t) + w_rec R_img(o_t), with
 R_feat(o_t) = -|Enc1(o_t) - mean_i F(o_t^i, o_0)|^2 and R_img(o_t) = -|o_t - mean_i M(o_t^i, o_0)|^2.
 
-The paper gives no scale, and sums over pixels run to thousands. Here each term is divided by how much the demonstrations
-themselves move: the sum over a video of its squared distance from its first frame, averaged over the demonstrations. An
-episode that stands still returns about -1 a term, one that follows the target about 0.
+The paper gives no scale, and sums over pixels run to thousands. Here each term is divided by how much the
+demonstrations themselves move: the sum over a video of its squared distance from its first frame, averaged over the
+demonstrations. An episode that stands still returns about -1 a term, one that follows the target about 0.
 """
 
 from __future__ import annotations

@@ -56,15 +56,13 @@ class Reach(Task):
         root.option.timestep = 0.01
         root.option.gravity = (0, 0, 0)
         root.option.flag.contact = "disable"
-        # Frames are 48 pixels wide: shadows, multisampling and fine meshes would cost most of the time and show nothing.
+        # At 48x48 shadows, multisampling and fine meshes would cost most of the time and show nothing.
         root.visual.quality.set_attributes(offsamples=0, shadowsize=0, numslices=12, numstacks=6, numquads=1)
         root.visual.headlight.set_attributes(ambient=(0.45,) * 3, diffuse=(0.55,) * 3, specular=(0, 0, 0))
         getattr(root.visual, "global").set_attributes(offwidth=1280, offheight=1280)
         world = root.worldbody
         world.add("camera", name="context", pos=(0, 0, 4), fovy=45)
-        world.add(
-            "geom", name="table", type="box", size=(TABLE_HALF_SIZE, TABLE_HALF_SIZE, 0.05), pos=(0, 0, -0.05)
-        )
+        world.add("geom", name="table", type="box", size=(TABLE_HALF_SIZE, TABLE_HALF_SIZE, 0.05), pos=(0, 0, -0.05))
         for k in range(N_DISTRACTORS):
             # Each disc lies a little higher than the one before, so that overlapping ones do not flicker.
             world.add(
@@ -92,7 +90,9 @@ class Reach(Task):
                 size=(LINK_RADIUS,),
                 mass=LINK_MASS,
             )
-            root.actuator.add("motor", name=f"motor_{k}", joint=hinge, gear=(TORQUE,), ctrllimited=True, ctrlrange=(-1, 1))
+            root.actuator.add(
+                "motor", name=f"motor_{k}", joint=hinge, gear=(TORQUE,), ctrllimited=True, ctrlrange=(-1, 1)
+            )
         parent.add("geom", name="hand", type="sphere", size=(HAND_RADIUS,), pos=(LINK_LENGTH, 0, 0), mass=0.1)
         parent.add("site", name="hand", pos=(LINK_LENGTH, 0, 0), size=(0.01,), rgba=(0, 0, 0, 0))
         return root

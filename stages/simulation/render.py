@@ -9,7 +9,7 @@ from __future__ import annotations
 import multiprocessing.connection
 import os
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -94,9 +94,7 @@ class TileRenderer:
                 data.qpos[:] = position
                 mujoco.mj_kinematics(model, data)
                 mujoco.mj_camlight(model, data)
-                mujoco.mjv_updateScene(
-                    model, data, self._options, self._perturb, self._camera, everything, self._scene
-                )
+                mujoco.mjv_updateScene(model, data, self._options, self._perturb, self._camera, everything, self._scene)
                 viewport.left = (tile % self._columns) * self._width
                 viewport.bottom = (tile // self._columns) * self._height
                 mujoco.mjr_render(viewport, self._scene, self._render_context)
@@ -127,7 +125,7 @@ def _serve(connection: Connection, xml: str, height: int, width: int) -> None:
     renderer = TileRenderer(mujoco.MjModel.from_xml_string(xml), height, width)
     try:
         while (request := connection.recv()) is not None:
-            connection.send_bytes(memoryview(renderer.render(*request)).cast("B"))
+            connection.send_bytes(renderer.render(*request).tobytes())
     except (EOFError, KeyboardInterrupt):
         pass
     finally:
@@ -176,7 +174,7 @@ class RenderPool:
         for connection in self._connections:
             send_next(connection)
         while drawing:
-            for ready in multiprocessing.connection.wait(list(drawing)):
+            for ready in cast("list[Connection]", multiprocessing.connection.wait(list(drawing))):
                 frames_of_piece = out[cuts[drawing.pop(ready)]]
                 pixels = np.frombuffer(ready.recv_bytes(), np.uint8)
                 send_next(ready)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
@@ -66,9 +68,7 @@ class ConvEncoder(nn.Module):
     def __init__(self, channels: tuple[int, ...], kernel: int, in_channels: int = 3):
         super().__init__()
         widths = (in_channels, *channels)
-        self.layers = nn.ModuleList(
-            nn.Conv2d(a, b, kernel, stride=2, padding=kernel // 2) for a, b in zip(widths, widths[1:], strict=False)
-        )
+        self.layers = nn.ModuleList(nn.Conv2d(a, b, kernel, stride=2, padding=kernel // 2) for a, b in pairwise(widths))
 
     def forward(self, x: Tensor) -> list[Tensor]:
         activations = []

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import cast
 
 import torch
 from torch import Tensor, nn
@@ -99,7 +100,9 @@ class PaperTranslator(Translator):
         outputs = (256, 128, 64, 3)
         inputs = (self.CHANNELS[-1], *outputs[:-1])
         skips = self.CHANNELS[::-1]
-        self.dec = nn.ModuleList(SkipConvTranspose2d(a, s, b, 5) for a, s, b in zip(inputs, skips, outputs, strict=True))
+        self.dec = nn.ModuleList(
+            SkipConvTranspose2d(a, s, b, 5) for a, s, b in zip(inputs, skips, outputs, strict=True)
+        )
         he_initialise(self)
 
     def encode(self, images: Tensor) -> Tensor:
@@ -116,7 +119,7 @@ class PaperTranslator(Translator):
     def decode(self, features: Tensor, context: EncodedContext) -> Tensor:
         x = F.leaky_relu(self.dec_head(features), LEAK).unflatten(1, (self.CHANNELS[-1], *self.sizes[-1]))
         for k, layer in enumerate(self.dec):
-            x = self._upsample(layer, x, context.skips[-1 - k], self.sizes[-2 - k])
+            x = self._upsample(cast(SkipConvTranspose2d, layer), x, context.skips[-1 - k], self.sizes[-2 - k])
             if k + 1 < len(self.dec):
                 x = F.leaky_relu(x, LEAK)
         return x
@@ -154,12 +157,13 @@ class CompactTranslator(Translator):
         self.fine = nn.Conv2d(3, fine, 6, stride=4, padding=1)
         self.coarse = nn.Conv2d(fine, coarse, 3, stride=2, padding=1)
         self.head = nn.Linear(flat, feature_size)
+        change = nn.Linear(hidden, feature_size)
         self.translation = nn.Sequential(
             nn.Linear(2 * feature_size, hidden),
             nn.LeakyReLU(LEAK),
             nn.Linear(hidden, hidden),
             nn.LeakyReLU(LEAK),
-            nn.Linear(hidden, feature_size),
+            change,
         )
         self.palette_coarse = nn.ConvTranspose2d(coarse, fine, 4, stride=2, padding=1)
         self.palette_fine = nn.ConvTranspose2d(fine, colours, 8, stride=4, padding=2)
@@ -170,12 +174,12 @@ class CompactTranslator(Translator):
         self.dec_coarse = SkipConvTranspose2d(coarse, coarse, fine, 4)
         self.dec_fine = SkipConvTranspose2d(fine, fine, colours + 1 + 3, 8, stride=4)
         he_initialise(self)
-        nn.init.zeros_(self.translation[-1].weight)
+        nn.init.zeros_(change.weight)
         nn.init.normal_(self.head.weight, std=flat**-0.5)
         with torch.no_grad():  # Dec starts near the context frame, with little correction.
             self.dec_fine.weight.mul_(0.3)
             self.dec_fine.weight[:, colours + 1 :].mul_(0.1)
-            self.dec_fine.bias[0] = 2.0
+            cast(Tensor, self.dec_fine.bias)[0] = 2.0
 
     def _activations(self, images: Tensor) -> list[Tensor]:
         fine = F.leaky_relu(self.fine(images), LEAK)

@@ -53,9 +53,7 @@ def test_a_killed_writer_leaves_the_old_artifact_or_the_new(tmp_path):
     )
     rng = random.Random(0)
     for _ in range(6):
-        process = subprocess.Popen(
-            [sys.executable, "-c", writer, str(target)], stdout=subprocess.PIPE, cwd=ROOT
-        )
+        process = subprocess.Popen([sys.executable, "-c", writer, str(target)], stdout=subprocess.PIPE, cwd=ROOT)
         assert process.stdout.readline()
         # The first write takes longest: imports. From then on any moment is the middle of a write.
         deadline = time.monotonic() + 10

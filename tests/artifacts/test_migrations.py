@@ -64,9 +64,7 @@ def test_an_old_file_reads_like_a_new_one(specimen):
 
 def test_a_missing_step_says_so(specimen):
     del module.MIGRATIONS["specimen", 2]
-    with pytest.raises(
-        ArtifactError, match=r"is of specimen schema 2, which is no longer read: make it again"
-    ):
+    with pytest.raises(ArtifactError, match=r"is of specimen schema 2, which is no longer read: make it again"):
         read_artifact(OLD)
 
 

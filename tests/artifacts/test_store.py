@@ -282,9 +282,7 @@ def test_importing_costs_little():
 import sys, artifacts, artifacts.errors
 print(*{"numpy", "h5py", "av", "cv2", "pydantic"} & set(sys.modules))
 """
-    run = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=os.getcwd()
-    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=os.getcwd())
     assert run.stdout.strip() == ""
 
 

@@ -115,9 +115,7 @@ def test_enormous_integers_and_ordered_dicts():
     assert unpack(*pack(tree)) == dict(tree)
 
 
-@pytest.mark.parametrize(
-    "value", [{1, 2}, SimpleNamespace(), np.array([None]), {True: 1}, {(1,): 1}, range(3)]
-)
+@pytest.mark.parametrize("value", [{1, 2}, SimpleNamespace(), np.array([None]), {True: 1}, {(1,): 1}, range(3)])
 def test_what_cannot_be_kept_is_refused_by_place(value):
     with pytest.raises(TypeError, match=r"tree\['state'\]\[1\]"):
         pack({"state": [0, value]})

@@ -71,7 +71,10 @@ CASES = {
         ("train-expert", "reach", "--preset", "toy", "--iterations", 12, "--checkpoint-every", 2),
         "expert",
     ),
-    "train-translator": (("train-translator", "runs/reach.demos.h5", "--steps", 60, "--checkpoint-every", 20), "translator"),
+    "train-translator": (
+        ("train-translator", "runs/reach.demos.h5", "--steps", 60, "--checkpoint-every", 20),
+        "translator",
+    ),
     "learn-policy": (
         ("learn-policy", "runs/reach-c0.translation.h5", "--iterations", 12, "--checkpoint-every", 2),
         "policy",

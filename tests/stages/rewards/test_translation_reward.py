@@ -62,7 +62,7 @@ def test_following_the_target_returns_nothing_and_standing_still_minus_one_a_ter
 
 
 def test_reward_equals_its_definition_at_one_frame(scene):
-    task, _, qpos, frames, _ = scene
+    _, _, qpos, frames, _ = scene
     reward, model, target = make(scene, image_weight=0.25)
     state = State(qpos[None, 3], np.zeros((1, 3)), np.zeros((1, 1, 3)), np.zeros(1))
     got = reward(20, state, np.zeros((1, 3)), {})  # frame 10, while the arm is where the target was at frame 3
