@@ -138,7 +138,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "collect-demos": DemosConfig(n=8192, contexts="narrow"),
         "train-translator": TranslatorConfig(),
         "translate": TranslateConfig(),
-        "learn-policy": PolicyConfig(iterations=60),
+        "learn-policy": PolicyConfig(iterations=60, episodes=100),
         "evaluate": EvaluateConfig(),
     },
     "paper": {

@@ -51,6 +51,8 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
         env = EpisodeEnv(task, config.episodes, run.seed, lambda rng, n: repeat(contexts, n), reward, nthread=workers)
         described = full_config("learn-policy", config, run, task=task.name)
         described |= {"observation_size": env.observation_size, "action_size": task.action_size}
+        described |= {"context_seed": source.config["context_seed"], "contexts": source.config["contexts"]}
+        described |= {"translation_metrics": {k: float(v) for k, v in source.group("metrics").items()}}
         model, curve = learn(env, config, run, out, "learn-policy", described, [source.path])
     finally:
         reward.close()
@@ -100,19 +102,15 @@ def make_reward(
 
     if config.reward == "oracle":
         return OracleReward(task)
-    model = load_translator(source.parent("translator", check=True), device)
     if config.reward == "video":
         # The expert's own video in this context: a perfect translation.
         features, images = source["expert_features"], to_images(torch.from_numpy(source["expert_frames"]))
     else:
         features = source["target_features"]
         images = torch.from_numpy(source["target_images"]).movedim(-1, 1) / 127.5 - 1
-    target = TrackingTarget(
-        torch.from_numpy(features).to(device),
-        images.to(device),
-        float(source["feature_scale"]),
-        float(source["image_scale"]),
-    )
+    feature_scale, image_scale = float(source["feature_scale"]), float(source["image_scale"])
+    model = load_translator(source.parent("translator", check=True), device)
+    target = TrackingTarget(torch.from_numpy(features).to(device), images.to(device), feature_scale, image_scale)
     pool = RenderPool(xml, *task.frame_size, workers)
     return TranslationReward(
         task, contexts, model, target, pool, config.without, config.image_weight, config.ramp, device

@@ -96,6 +96,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
             f"{metrics['feature_ratio']:.2f} of the features' own motion in features (below 1 leads the right way)"
         )
     described = full_config("translate", config, run, task=source.config.get("task"))
+    described["contexts"] = config.contexts or demos.config.get("contexts", "")
     write_artifact(
         out,
         "translation",
