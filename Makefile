@@ -19,7 +19,7 @@ setup: $(STAMP) ## Make .venv with everything that ifo needs.
 
 demo: setup ## The main job: learn to reach from videos of other contexts, preset quick.
 	@mkdir -p runs && touch runs/.demo
-	@ifo collect-demos reach --preset quick | ifo train-translator | ifo translate | ifo learn-policy \
+	@ifo collect-demos reach --preset quick | ifo train-translator --resume | ifo translate | ifo learn-policy --resume \
 	    | ifo evaluate --json > runs/demo.json
 	@echo "Final distance to the goal, 1 being the distance at the start:"
 	@python -m json.tool runs/demo.json | grep -E '"normalised_distance(_stochastic)?":|"success_[a-z]+":'

@@ -21,6 +21,12 @@ find_python() {
             return
         fi
     done
+    if root_with_apt && [ -z "${1:-}" ]; then
+        say "installing python3"
+        apt_install python3 python3-venv || true
+        find_python again
+        return
+    fi
     die "ifo needs Python 3.11 or later, found $(python3 --version 2>&1 || true): install it, or name it: make PYTHON=python3.12"
 }
 

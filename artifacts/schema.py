@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
@@ -206,3 +206,14 @@ COMMANDS: dict[str, str] = {
     "policy": "ifo learn-policy",
     "evaluation": "ifo evaluate",
 }
+
+
+class Config(dict[str, Any]):
+    """A configuration whose missing keys are the file's fault, not a bug."""
+
+    def __init__(self, path: Path, values: dict[str, Any]):
+        super().__init__(values)
+        self._path = path
+
+    def __missing__(self, key: str) -> Any:
+        raise ArtifactError(f"{self._path}: its configuration lacks {key!r}: make the file again with this ifo")

@@ -22,6 +22,7 @@ from artifacts.schema import (
     COMMANDS,
     DIGEST,
     KINDS,
+    Config,
     Manifest,
     Parent,
     attributes_digest,
@@ -119,7 +120,8 @@ class Artifact:
 
     @property
     def config(self) -> dict[str, Any]:
-        return self.manifest.config
+        """The stage's configuration; a key that is not there is an ArtifactError that names the file."""
+        return Config(self.path, self.manifest.config)
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.read(name)

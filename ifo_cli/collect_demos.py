@@ -13,7 +13,7 @@ from ifo_cli.runner import check_task, run_stage
 STAGE = "collect-demos"
 EXAMPLES = (
     "ifo collect-demos reach --preset quick",
-    "ifo collect-demos reach --preset paper --n 3000 --expert runs/reach.expert.h5",
+    "ifo collect-demos reach --preset paper -n 3000 --expert runs/reach-quick.expert.h5",
 )
 
 

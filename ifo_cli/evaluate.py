@@ -12,7 +12,7 @@ from ifo_cli.runner import run_stage
 
 STAGE = "evaluate"
 EXAMPLES = (
-    "ifo evaluate runs/reach.policy.h5 --json",
+    "ifo evaluate runs/reach-c0.policy.h5 --json",
     "ifo evaluate runs/seed0.policy.h5 runs/seed1.policy.h5 --out runs/both.evaluation.h5",
 )
 

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from artifacts import Artifact
 
 EXAMPLES = (
-    "ifo inspect runs/reach.policy.h5",
-    "ifo inspect runs/reach.evaluation.h5 --json",
+    "ifo inspect runs/reach-c0.policy.h5",
+    "ifo inspect runs/reach-c0.evaluation.h5 --json",
 )
 KEY_FIGURES = ("metrics", "summary")  # groups of the configuration, or of datasets
 CURVE = "curve"  # group of datasets: learning curves, of which the last value counts

@@ -12,8 +12,8 @@ from ifo_cli.runner import run_stage
 
 STAGE = "learn-policy"
 EXAMPLES = (
-    "ifo learn-policy runs/reach.translation.h5 --seed 1",
-    "ifo learn-policy runs/reach.translation.h5 --without img --out runs/features-only.policy.h5",
+    "ifo learn-policy runs/reach-c0.translation.h5 --seed 1",
+    "ifo learn-policy runs/reach-c0.translation.h5 --without img --out runs/features-only.policy.h5",
 )
 
 

@@ -13,9 +13,9 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import typer
 
-from stages.configs import PRESETS, STAGES, TASKS
+from stages.configs import DEFAULT_PRESET, PRESETS, STAGES, TASKS
 
-HELP_PRESET = "quick"
+HELP_PRESET = DEFAULT_PRESET
 PRESET_NOTE = (
     f"What an option leaves open comes from --preset: the parent's, else {HELP_PRESET}. "
     f"Defaults in brackets are those of {HELP_PRESET}."
@@ -96,17 +96,18 @@ def config_parameters(stage: str) -> list[inspect.Parameter]:
         settings: dict[str, Any] = {"rich_help_panel": STAGE_PANEL}
         if get_origin(annotation) is tuple:
             # Typer takes no list of literals, but a list of an enumeration.
-            names = {choice: choice for choice in choices}
-            element = StrEnum(item.name, names) if choices else get_args(annotation)[0]
+            members = {choice: choice for choice in choices}
+            element = StrEnum(item.name, members) if choices else get_args(annotation)[0]
             annotation = list[element]  # type: ignore[valid-type]
             settings["metavar"] = "|".join(choices) or "TEXT"
         elif choices:
             annotation = Literal[tuple(choices)]
         elif annotation in (int, float):
-            settings.update(min=item.metadata.get("low"), metavar=NUMBER[annotation])
+            settings.update(min=item.metadata.get("low"), max=item.metadata.get("high"), metavar=NUMBER[annotation])
         shown = shown_default(getattr(PRESETS[HELP_PRESET][stage], item.name))
         text = item.metadata["help"] + (f" ({shown})" if shown else "")
-        annotated, default = _option(annotation, text, **settings)
+        names = ("-n", "--n") if item.name == "n" else ()
+        annotated, default = _option(annotation, text, *names, **settings)
         parameters.append(_keyword(item.name, annotated, default))
     return parameters
 

@@ -18,7 +18,7 @@ from artifacts import (
     write_mp4,
     write_png,
 )
-from stages.configs import PRESETS, DemosConfig
+from stages.configs import DEFAULT_PRESET, PRESETS, DemosConfig
 from stages.run import RunOptions, StageResult, environment, full_config, pick_workers
 from stages.seeding import generator
 from stages.simulation.contexts import Contexts, take
@@ -46,12 +46,14 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
     choose_backend()
     task = make_task(task_name)
     workers = use_threads(pick_workers(run.workers))
-    out = run.out or default_path(Path("runs"), task_name, "demos")
+    name = task_name if run.preset == DEFAULT_PRESET else f"{task_name}-{run.preset}"
+    out = run.out or default_path(Path("runs"), name, "demos")
     expert = expert or _find_or_train_expert(task_name, run, out.parent)
     policy = Policy.load(load_expert(expert, task_name))
     drawn_from = distribution(config.contexts)
 
-    frames, contexts, rollouts = [], [], []
+    videos = np.empty((config.n, task.frames, *task.frame_size, 3), np.uint8)
+    contexts, rollouts = [], []
     kept = dropped = chunks = 0
     with (
         RenderPool(task.build().to_xml_string(), *task.frame_size, workers) as pool,
@@ -71,13 +73,15 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
             kept, chunks = kept + len(chosen), chunks + 1
             looked_at = int(chosen[-1]) + 1 if kept == config.n else CHUNK
             dropped += looked_at - len(chosen)
+            if not len(chosen):
+                continue
             part = take(drawn, chosen)
-            frames.append(pool.render(task.model_fields(part), episode.frame_qpos(task)[chosen]))
+            videos[kept - len(chosen) : kept] = pool.render(task.model_fields(part), episode.frame_qpos(task)[chosen])
             contexts.append(part)
             rollouts.append(episode.distance[chosen])
             bar.update(kept, dropped=dropped)
 
-    videos, distances = np.concatenate(frames), np.concatenate(rollouts)
+    distances = np.concatenate(rollouts)
     if not config.keep_failures:
         run.progress.say(f"dropped {dropped} of {kept + dropped} demonstrations in which the expert failed")
     arrays = {
@@ -87,6 +91,7 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
         **{f"contexts/{name}": np.concatenate([part[name] for part in contexts]) for name in contexts[0]},
     }
     described = full_config("collect-demos", config, run, task=task_name, dropped=dropped)
+    _show(videos, out)
     write_artifact(
         out,
         "demos",
@@ -97,7 +102,6 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
         parents=[expert],
         environment=environment(),
     )
-    _show(videos, out)
     summary = {
         "demos": kept,
         "dropped": dropped,
@@ -139,7 +143,8 @@ def _find_or_train_expert(task_name: str, run: RunOptions, folder: Path) -> Path
         run.progress.say(f"using the expert {path}")
         return path
     run.progress.say(f"no expert of {task_name} yet: training one, kept as {path}")
-    expert_run = dataclasses.replace(run, out=path, resume=True)
+    command = f"ifo train-expert {task_name} --preset {run.preset} --seed {run.seed} --out {path}"
+    expert_run = dataclasses.replace(run, out=path, command=command, resume=False)
     return train_expert(task_name, PRESETS[run.preset]["train-expert"], expert_run).path
 
 

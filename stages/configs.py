@@ -19,9 +19,11 @@ LEARNERS = ("trpo", "ppo", "sac")
 SPLITS = ("held-out", "all")
 
 
-def option(default: Any, text: str, choices: tuple[str, ...] = (), low: float | None = None) -> Any:
-    """A dataclass field that is also a command-line option: its default, help, allowed values and lower bound."""
-    return field(default=default, metadata={"help": text, "choices": choices, "low": low})
+def option(
+    default: Any, text: str, choices: tuple[str, ...] = (), low: float | None = None, high: float | None = None
+) -> Any:
+    """A dataclass field that is also a command-line option: its default, help, allowed values and bounds."""
+    return field(default=default, metadata={"help": text, "choices": choices, "low": low, "high": high})
 
 
 @dataclass(frozen=True)
@@ -33,8 +35,8 @@ class LearnerConfig:
     episodes: int = option(250, "Episodes an iteration, simulated side by side (250 x 50 = 12,500 samples).", low=2)
     hidden: int = option(64, "Width of the two hidden layers of policy and value.", low=1)
     kl: float = option(0.02, "Bound on the mean KL divergence of an update.", low=0)
-    discount: float = option(0.99, "Discount a control step.", low=0)
-    gae_lambda: float = option(0.97, "Lambda of generalised advantage estimation.", low=0)
+    discount: float = option(0.99, "Discount a control step.", low=0, high=1)
+    gae_lambda: float = option(0.97, "Lambda of generalised advantage estimation.", low=0, high=1)
     log_std: float = option(-0.5, "Initial log standard deviation of the actions.")
     critic_rate: float = option(3e-3, "Learning rate of the value network.", low=0)
     checkpoint_every: int = option(10, "Iterations between checkpoints.", low=1)
@@ -75,8 +77,8 @@ class TranslatorConfig:
     without: tuple[str, ...] = option((), "Switch a loss off (repeatable).", LOSSES)
     motion_weight: float = option(0.0, "Extra weight of pixels that differ from the context frame.", low=0)
     augment: bool = option(True, "Mirror videos and swap green and blue at random.")
-    ema: float = option(0.999, "Decay of the averaged weights (0: none).", low=0)
-    held_out: int = option(256, "Demonstrations never trained on, for the metrics (at most a fifth).", low=1)
+    ema: float = option(0.999, "Decay of the averaged weights (0: none).", low=0, high=1)
+    held_out: int = option(256, "Demonstrations never trained on, for the metrics (at most a fifth).", low=2)
     evaluate_every: int = option(500, "Steps between evaluations on held-out demonstrations.", low=1)
     checkpoint_every: int = option(200, "Steps between checkpoints.", low=1)
     amp: bool = option(True, "Mixed precision on CUDA.")
@@ -91,7 +93,10 @@ class TranslateConfig:
     split: str = option("held-out", "Demonstrations to translate.", SPLITS)
     context_seed: int = option(0, "Seed of the learner's context.", low=0)
     contexts: str = option("", "Distribution of the learner's context (default: that of the demonstrations).", CONTEXTS)
-    context_image: str = option("", "PNG of the learner's context, in place of a simulated one.")
+    context_image: str = option(
+        "",
+        "PNG of the learner's context, in place of a simulated one (to look at: learn-policy needs a simulated one).",
+    )
 
 
 @dataclass(frozen=True)
@@ -120,6 +125,7 @@ STAGES: dict[str, type] = {
     "evaluate": EvaluateConfig,
 }
 
+DEFAULT_PRESET = "quick"
 EXPERT_LEARNING: dict[str, Any] = {"iterations": 60, "gae_lambda": 0.95}
 
 PRESETS: dict[str, dict[str, Any]] = {

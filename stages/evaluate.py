@@ -66,19 +66,19 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     arrays = {key: np.stack(values) for key, values in results.items()}
     summary = _summarise(task, arrays)
     described = full_config("evaluate", config, run, task=task.name, runs=[_describe(source) for source in sources])
+    _plot_curves(sources, task.success_threshold, sibling(out, ".png"))
+    labels = [stem_of(source.path)[-16:] for source in sources[:SHOWN]]
+    write_mp4(sibling(out, ".mp4"), tile_videos([videos], labels=labels), fps=10)
     write_artifact(
         out,
         "evaluation",
-        arrays | {f"summary/{key}": np.asarray(value, np.float64) for key, value in summary.items()},
+        arrays | {f"summary/{k}": np.asarray(v, np.float64) for k, v in summary.items() if not isinstance(v, str)},
         config=described,
         seed=run.seed,
         command=run.command,
         parents=[source.path for source in sources],
         environment=environment(),
     )
-    _plot_curves(sources, task.success_threshold, sibling(out, ".png"))
-    labels = [stem_of(source.path)[-16:] for source in sources[:SHOWN]]
-    write_mp4(sibling(out, ".mp4"), tile_videos([videos], labels=labels), fps=10)
     low, high = summary["success_paper_interval"]
     run.progress.say(
         f"evaluation: {summary['normalised_distance_stochastic']:.3f} of the initial distance is left (stochastic "
@@ -131,21 +131,29 @@ def _episodes(
 
 
 def _summarise(task: Any, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
-    """Figures over runs (R, E): means with bootstrap intervals, success rates with Wilson intervals, 95% each."""
+    """Figures over runs (R, E), with 95% intervals: Wilson's for the runs' success, else the bootstrap's.
+
+    The bootstrap resamples runs; where there is one run alone, its episodes.
+    """
     calm, noisy = arrays["normalised_distance"], arrays["normalised_distance_stochastic"]
     succeeded = noisy.mean(axis=1) < task.success_threshold
+
+    def units(values: np.ndarray) -> np.ndarray:
+        return values.mean(axis=1) if len(values) > 1 else values[0]
+
     return {
         "runs": len(calm),
+        "resampled": "runs" if len(calm) > 1 else "episodes",
         "normalised_distance": float(calm.mean()),
-        "normalised_distance_interval": bootstrap_mean(calm.mean(axis=1)),
+        "normalised_distance_interval": bootstrap_mean(units(calm)),
         "normalised_distance_stochastic": float(noisy.mean()),
-        "normalised_distance_stochastic_interval": bootstrap_mean(noisy.mean(axis=1)),
+        "normalised_distance_stochastic_interval": bootstrap_mean(units(noisy)),
         "per_run_distance": [float(value) for value in noisy.mean(axis=1)],
         "succeeded": int(succeeded.sum()),
         "success_paper": float(succeeded.mean()),
         "success_paper_interval": wilson(int(succeeded.sum()), len(succeeded)),
         "success_deterministic": float((calm < task.success_threshold).mean()),
-        "success_deterministic_interval": bootstrap_mean((calm < task.success_threshold).mean(axis=1)),
+        "success_deterministic_interval": bootstrap_mean(units(calm < task.success_threshold)),
     }
 
 

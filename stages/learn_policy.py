@@ -9,15 +9,17 @@ import numpy as np
 
 from artifacts import (
     Artifact,
+    ArtifactError,
+    UsageError,
     default_path,
-    remove_checkpoint,
     sibling,
     stem_of,
     tile_videos,
     write_artifact,
     write_mp4,
 )
-from stages.configs import PolicyConfig
+from stages.checkpoints import Checkpoints
+from stages.configs import REWARD_TERMS, PolicyConfig
 from stages.run import RunOptions, StageResult, environment, full_config, pick_device, pick_workers
 from stages.simulation.contexts import Contexts, repeat
 from stages.simulation.task import Task
@@ -37,6 +39,8 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     from stages.threads import use_threads
     from stages.translate import load_translation
 
+    if config.reward != "oracle" and set(config.without) >= set(REWARD_TERMS):
+        raise UsageError("--without feat --without img leaves no reward to learn from: keep one of the two")
     choose_backend()
     source = load_translation(translation)
     task = make_task(source.config["task"])
@@ -44,6 +48,7 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     workers = use_threads(pick_workers(run.workers))
     contexts = source.group("contexts")
     suffix = "" if config.reward == "translation" else f"-{config.reward}"
+    suffix += "" if run.seed == source.manifest.seed else f"-s{run.seed}"
     out = run.out or default_path(source.path.parent, stem_of(source.path) + suffix, "policy")
     xml = task.build().to_xml_string()
     reward = make_reward(config, task, source, contexts, xml, workers, device)
@@ -53,10 +58,17 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
         described |= {"observation_size": env.observation_size, "action_size": task.action_size}
         described |= {"context_seed": source.config["context_seed"], "contexts": source.config["contexts"]}
         described |= {"translation_metrics": {k: float(v) for k, v in source.group("metrics").items()}}
-        model, curve = learn(env, config, run, out, "learn-policy", described, [source.path])
+        checkpoints = Checkpoints(run, out, "learn-policy", described, [source.path])
+        model, curve = learn(env, config, run, out, "learn-policy", checkpoints)
     finally:
         reward.close()
     final = curve["normalised_distance"][-1]
+    with RenderPool(xml, *task.frame_size, 1) as pool:
+        video = policy_video(task, Policy.of(model), contexts, pool)
+    shown = {"target": np.clip(source["target_images"], 0, 255).round().astype(np.uint8), "policy": video}
+    if "expert_frames" in source:
+        shown["expert here"] = source["expert_frames"]
+    write_mp4(sibling(out, ".mp4"), tile_videos([list(shown.values())], labels=list(shown)), fps=10)
     write_artifact(
         out,
         "policy",
@@ -67,13 +79,7 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
         parents=[source.path],
         environment=environment(device),
     )
-    remove_checkpoint(out)
-    with RenderPool(xml, *task.frame_size, 1) as pool:
-        video = policy_video(task, Policy.of(model), contexts, pool)
-    shown = {"target": np.clip(source["target_images"], 0, 255).round().astype(np.uint8), "policy": video}
-    if "expert_frames" in source:
-        shown["expert here"] = source["expert_frames"]
-    write_mp4(sibling(out, ".mp4"), tile_videos([list(shown.values())], labels=list(shown)), fps=10)
+    checkpoints.remove()
     run.progress.say(f"policy: last batch ends at {final:.3f} of the initial distance")
     summary = {
         "normalised_distance": final,
@@ -104,6 +110,11 @@ def make_reward(
         return OracleReward(task)
     if config.reward == "video":
         # The expert's own video in this context: a perfect translation.
+        if "expert_frames" not in source:
+            raise ArtifactError(
+                f"{source.path} holds no video of the expert in this context, expected one for --reward video; "
+                "translate again where the demonstrations' expert is at hand"
+            )
         features, images = source["expert_features"], to_images(torch.from_numpy(source["expert_frames"]))
     else:
         features = source["target_features"]

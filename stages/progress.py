@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 PLAIN_INTERVAL = 15.0  # seconds between two plain lines
@@ -20,7 +20,7 @@ class Progress:
     def say(self, text: str) -> None:
         """One line for people."""
         if not self._quiet:
-            print(text, file=sys.stderr, flush=True)
+            _print_line(text)
 
     @contextmanager
     def bar(self, description: str, total: int, unit: str) -> Iterator[Bar]:
@@ -59,11 +59,16 @@ class _PlainBar(Bar):
         self._line = f"{self._description}: {done}/{self._total} {self._unit}, {rate:.1f}/s{left}{_format(figures)}"
         if now - self._last >= PLAIN_INTERVAL:
             self._last, self._printed = now, self._line
-            print(self._line, file=sys.stderr, flush=True)
+            _print_line(self._line)
 
     def finish(self) -> None:
         if self._line != self._printed:
-            print(self._line, file=sys.stderr, flush=True)
+            _print_line(self._line)
+
+
+def _print_line(text: str) -> None:
+    with suppress(OSError):  # Nobody reads standard error any more: no reason to stop the work.
+        print(text, file=sys.stderr, flush=True)
 
 
 def _format(figures: dict[str, Any]) -> str:

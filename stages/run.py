@@ -12,6 +12,8 @@ from typing import Any
 from artifacts import PlatformError, UsageError
 from stages.progress import Progress
 
+MAX_WORKERS_A_CORE = 4
+
 
 @dataclass(frozen=True)
 class RunOptions:
@@ -89,9 +91,14 @@ def pick_device(device: str) -> str:
 
 
 def pick_workers(workers: int) -> int:
-    """Threads and render processes to use."""
+    """Threads and render processes to use.
+
+    Raises:
+        UsageError: Far more than there are cores.
+    """
     import os
 
-    if workers > 0:
-        return workers
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if workers > MAX_WORKERS_A_CORE * cores:
+        raise UsageError(f"--workers {workers}: expected at most {MAX_WORKERS_A_CORE * cores} on {cores} cores")
+    return workers or cores

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from artifacts import Artifact, default_path, read_artifact, remove_checkpoint, write_artifact
+from artifacts import Artifact, default_path, read_artifact, write_artifact
+from stages.checkpoints import Checkpoints
 from stages.configs import ExpertConfig
 from stages.run import RunOptions, StageResult, environment, full_config, pick_device, pick_workers
 from stages.seeding import generator
 from stages.simulation.contexts import Contexts, repeat, take
 from stages.simulation.task import State, Task
+
+if TYPE_CHECKING:
+    from stages.learners.policy import Policy
 
 CONSISTENT_SPREAD = 0.15  # radians
 
@@ -32,7 +37,7 @@ def train_expert(task_name: str, config: ExpertConfig, run: RunOptions) -> Stage
 
     choose_backend(required=False)  # Draws nothing; but mujoco settles on a backend when it is imported.
     task = make_task(task_name)
-    device = pick_device(run.device)
+    pick_device(run.device)
     workers = use_threads(pick_workers(run.workers))
     out = run.out or default_path(Path("runs"), f"{task_name}-{run.preset}", "expert")
     contexts = distribution(config.contexts)
@@ -47,8 +52,9 @@ def train_expert(task_name: str, config: ExpertConfig, run: RunOptions) -> Stage
     )
     described = full_config("train-expert", config, run, task=task_name)
     described |= {"observation_size": env.observation_size, "action_size": task.action_size}
-    model, curve = learn(env, config, run, out, "train-expert", described, [], device)
-    report = _test(task, Policy.of(model), config, run)
+    checkpoints = Checkpoints(run, out, "train-expert", described, [])
+    model, curve = learn(env, config, run, out, "train-expert", checkpoints)
+    report = _test(task, Policy.of(model), config, run, workers)
     distances, spread = report["test/normalised_distance"], report["test/spread"]
     success = float((distances < task.expert_threshold).mean())
     consistent = float((spread.max(axis=1) < CONSISTENT_SPREAD).mean())
@@ -66,9 +72,9 @@ def train_expert(task_name: str, config: ExpertConfig, run: RunOptions) -> Stage
         config=described,
         seed=run.seed,
         command=run.command,
-        environment=environment(device),
+        environment=environment(),
     )
-    remove_checkpoint(out)
+    checkpoints.remove()
     summary = {
         "success": success,
         "normalised_distance": float(distances.mean()),
@@ -78,7 +84,7 @@ def train_expert(task_name: str, config: ExpertConfig, run: RunOptions) -> Stage
     return StageResult(out, summary)
 
 
-def _test(task: Task, policy, config: ExpertConfig, run: RunOptions) -> dict[str, np.ndarray]:
+def _test(task: Task, policy: Policy, config: ExpertConfig, run: RunOptions, workers: int) -> dict[str, np.ndarray]:
     """Normalised final distances (C,) in fresh contexts, and final joint angles' spread (C, nq) over episodes."""
     from stages.simulation.batch import rollout
     from stages.simulation.tasks import distribution
@@ -89,11 +95,13 @@ def _test(task: Task, policy, config: ExpertConfig, run: RunOptions) -> dict[str
     def act(state: State, where: Contexts) -> np.ndarray:
         return policy.act(task.observe_expert(state, where))
 
-    distances = rollout(task, contexts, *task.draw_states(rng, contexts), act).normalised_distance
+    distances = rollout(task, contexts, *task.draw_states(rng, contexts), act=act, nthread=workers).normalised_distance
     spread = []
     for k in range(config.test_contexts):
         same = repeat(take(contexts, slice(k, k + 1)), config.test_episodes)
-        spread.append(rollout(task, same, *task.draw_states(rng, same), act).qpos[:, -1].std(axis=0))
+        spread.append(
+            rollout(task, same, *task.draw_states(rng, same), act=act, nthread=workers).qpos[:, -1].std(axis=0)
+        )
     return {"test/normalised_distance": distances, "test/spread": np.stack(spread)}
 
 

@@ -6,11 +6,23 @@ from pathlib import Path
 
 import numpy as np
 
-from artifacts import Artifact, ArtifactError, default_path, read_artifact, remove_checkpoint, stem_of, write_artifact
-from stages.configs import TranslatorConfig
+from artifacts import Artifact, ArtifactError, UsageError, default_path, read_artifact, stem_of, write_artifact
+from stages.checkpoints import Checkpoints
+from stages.configs import LOSSES, TranslatorConfig
 from stages.run import RunOptions, StageResult, environment, full_config, pick_device, pick_workers
 
-METRICS = ("psnr", "copy_psnr", "ssim", "copy_ssim", "trans", "copy_trans", "rec", "align", "feature_ratio")
+METRICS = (
+    "psnr",
+    "copy_psnr",
+    "ssim",
+    "copy_ssim",
+    "trans",
+    "copy_trans",
+    "rec",
+    "align",
+    "copy_align",
+    "feature_ratio",
+)
 
 
 def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> StageResult:
@@ -24,6 +36,8 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
     from stages.translation.evaluation import evaluate_translator
     from stages.translation.training import TranslatorTraining, train
 
+    if set(config.without) >= set(LOSSES):
+        raise UsageError("--without trans, rec and align leaves no loss to train on: keep one of the three")
     source = read_artifact(demos, "demos")
     device = pick_device(run.device)
     use_threads(pick_workers(run.workers))
@@ -35,13 +49,13 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
     training = TranslatorTraining(config, frames[:-held_out], run.seed, device)
     described = full_config("train-translator", config, run, task=source.config.get("task"))
     described |= {"demonstrations": len(frames), "held_out_demonstrations": held_out, "size": list(frames.shape[2:4])}
+    checkpoints = Checkpoints(run, out, "train-translator", described, [source.path])
     curve = train(
         training,
         lambda model: evaluate_translator(model, frames[-held_out:], device),
         run,
         out,
-        described,
-        [source.path],
+        checkpoints,
     )
     metrics = {name: curve[f"held_out/{name}"][-1] for name in METRICS}
     run.progress.say(
@@ -62,13 +76,13 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
         parents=[source.path],
         environment=environment(device),
     )
-    remove_checkpoint(out)
+    checkpoints.remove()
     return StageResult(out, metrics)
 
 
 def held_out_count(demonstrations: int, wanted: int) -> int:
-    """Demonstrations that are never trained on, the last ones of the file: `wanted`, but at most a fifth."""
-    return max(min(wanted, demonstrations // 5), 1)
+    """Demonstrations never trained on, the file's last: `wanted`, but at most a fifth and at least two."""
+    return max(min(wanted, demonstrations // 5), 2)
 
 
 def load_translator(artifact: Artifact, device: str = "cpu"):
@@ -82,7 +96,7 @@ def load_translator(artifact: Artifact, device: str = "cpu"):
     from stages.configs import ARCHITECTURES
     from stages.translation.networks import make_translator
 
-    arch, size = artifact.config.get("arch"), artifact.config.get("size")
+    arch, size = artifact.config["arch"], artifact.config["size"]
     if arch not in ARCHITECTURES or not size:
         raise ArtifactError(f"{artifact.path}: architecture {arch!r} is unknown, expected {' or '.join(ARCHITECTURES)}")
     with torch.random.fork_rng(devices=[]):

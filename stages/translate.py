@@ -44,21 +44,24 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     from stages.train_translator import load_translator
     from stages.translation.networks import to_frames, to_images
 
-    choose_backend()
     source = read_artifact(translator, "translator")
     demos = source.parent("demos", check=True)
     device = pick_device(run.device)
-    workers = use_threads(pick_workers(run.workers))
+    use_threads(pick_workers(run.workers))
     model = load_translator(source, device)
-    out = run.out or default_path(source.path.parent, f"{stem_of(source.path)}-c{config.context_seed}", "translation")
+    where = Path(config.context_image).stem if config.context_image else f"c{config.context_seed}"
+    out = run.out or default_path(source.path.parent, f"{stem_of(source.path)}-{where}", "translation")
     if config.context_image:
         contexts, frame, truth = None, _read_context(config.context_image, tuple(source.config["size"])), None
     else:
-        contexts, frame, truth = _simulate_context(config, demos, workers)
+        choose_backend()
+        contexts, frame, truth = _simulate_context(config, demos, run)
 
     count, held_out = source.config["demonstrations"], source.config["held_out_demonstrations"]
     candidates = np.arange(0 if config.split == "all" else count - held_out, count)
     chosen = np.sort(generator(run.seed, "translate").permutation(candidates)[: config.n])
+    if config.n > len(chosen):
+        run.progress.say(f"translating {len(chosen)} demonstrations: there are no more that are {config.split}")
     frames = np.stack([demos.read("frames", int(k)) for k in chosen])
     features, images, feature_motion, image_motion = [], [], [], []
     context_image = to_images(torch.from_numpy(frame[None].copy()).to(device))
@@ -96,7 +99,14 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
             f"{metrics['feature_ratio']:.2f} of the features' own motion in features (below 1 leads the right way)"
         )
     described = full_config("translate", config, run, task=source.config.get("task"))
-    described["contexts"] = config.contexts or demos.config.get("contexts", "")
+    described["contexts"] = "" if config.context_image else config.contexts or demos.config["contexts"]
+    mean = np.clip(arrays["target_images"], 0, 255).round().astype(np.uint8)
+    rows = [[frames[k], frame, arrays["images"][k]] for k in range(min(SHOWN, len(frames)))]
+    rows.append([np.zeros_like(frames[0]), frame, mean])
+    labels = ["source", "context", "translation"]
+    if truth is not None:
+        rows, labels = [[*row, truth] for row in rows], [*labels, "expert here"]
+    write_mp4(sibling(out, ".mp4"), tile_videos(rows, labels=labels), fps=10)
     write_artifact(
         out,
         "translation",
@@ -107,11 +117,6 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
         parents=[source.path],
         environment=environment(device),
     )
-    rows = [[frames[k], frame, arrays["images"][k], *([] if truth is None else [truth])] for k in range(len(frames))]
-    mean_row = [frames[0], frame, np.clip(arrays["target_images"], 0, 255).round().astype(np.uint8)]
-    labels = ["source", "context", "translation", *([] if truth is None else ["expert here"])]
-    grid = [*rows[:SHOWN], [np.zeros_like(frames[0]), *mean_row[1:], *([] if truth is None else [truth])]]
-    write_mp4(sibling(out, ".mp4"), tile_videos(grid, labels=labels), fps=10)
     return StageResult(out, {**metrics, "demonstrations": len(frames), "video": str(sibling(out, ".mp4"))})
 
 
@@ -127,9 +132,9 @@ def _read_context(path: str, size: tuple[int, ...]) -> np.ndarray:
 
 
 def _simulate_context(
-    config: TranslateConfig, demos: Artifact, workers: int
-) -> tuple[Contexts, np.ndarray, np.ndarray]:
-    """The learner's context (leading axis 1), its first frame, and the expert's video (T, H, W, 3) in it."""
+    config: TranslateConfig, demos: Artifact, run: RunOptions
+) -> tuple[Contexts, np.ndarray, np.ndarray | None]:
+    """The learner's context (leading axis 1), its first frame, and the expert's video (T, H, W, 3) in it if known."""
     from stages.collect_demos import expert_video
     from stages.simulation.render import RenderPool
     from stages.simulation.tasks import distribution, make_task
@@ -137,8 +142,14 @@ def _simulate_context(
     task = make_task(demos.config["task"])
     contexts = learner_context(task, config.context_seed, distribution(config.contexts or demos.config["contexts"]))
     with RenderPool(task.build().to_xml_string(), *task.frame_size, 1) as pool:
-        truth = expert_video(task, demos.parent("expert").path, contexts, pool)[0]
-    return contexts, truth[0], truth
+        start = task.context_state(contexts)[0]
+        frame = pool.render(task.model_fields(contexts), start[None])[0, 0]
+        try:
+            expert = demos.parent("expert", check=True)
+        except ArtifactError as error:
+            run.progress.say(f"the expert's own video here is not known, and nothing is compared with it ({error})")
+            return contexts, frame, None
+        return contexts, frame, expert_video(task, expert.path, contexts, pool)[0]
 
 
 def learner_context(task, context_seed: int, drawn_from) -> Contexts:

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 
-from artifacts import (
-    Interrupted,
-    UsageError,
-    checkpoint_path,
-    read_checkpoint,
-    sibling,
-    write_checkpoint,
-)
+from artifacts import sibling
+from stages.board import TensorBoard
+from stages.checkpoints import Checkpoints
 from stages.configs import LearnerConfig
 from stages.learners.algorithms import learner_state, make_learner, restore_learner
 from stages.learners.environment import EpisodeEnv
@@ -33,11 +26,11 @@ def learn(
     run: RunOptions,
     out: Path,
     stage: str,
-    full_config: dict[str, Any],
-    parents: list[Path],
-    device: str = "cpu",
+    checkpoints: Checkpoints,
 ) -> tuple[BaseAlgorithm, Curve]:
-    """Run all iterations, from the checkpoint beside `out` if `run.resume` and there is one.
+    """Run all iterations, from the checkpoint if the run resumes one.
+
+    Small networks on small batches are fastest, and resume bit for bit, on the CPU: that is where learners live.
 
     A run that was killed and resumed ends with the same weights as one that was not (on CPU).
 
@@ -49,25 +42,12 @@ def learn(
         UsageError: The checkpoint was written under another configuration or seed.
         Interrupted: By the keyboard; the checkpoint was kept.
     """
-    model = make_learner(config, env, integer(run.seed, "learner"), device)
-    path = checkpoint_path(out)
+    model = make_learner(config, env, integer(run.seed, "learner"))
     curve: Curve = {}
     done = 0
-    if run.resume and path.exists():
-        manifest, state = read_checkpoint(path, stage=stage)
-        check_same_run(path, manifest.config, manifest.seed, full_config, run.seed)
+    if (state := checkpoints.start()) is not None:
         restore_learner(model, state["learner"])
         curve, done = state["curve"], state["done"]
-        run.progress.say(f"resuming {out.name} after {done} of {config.iterations} iterations")
-    elif run.resume:
-        run.progress.say(f"no checkpoint beside {out}: starting from the beginning")
-
-    def checkpoint() -> None:
-        state = {"learner": learner_state(model), "curve": curve, "done": done}
-        write_checkpoint(
-            path, state, stage=stage, config=full_config, seed=run.seed, command=run.command, parents=parents
-        )
-
     samples = env.num_envs * env.task.control_steps
     threshold = env.task.success_threshold
     try:
@@ -95,23 +75,11 @@ def learn(
                 board.write(done, row)
                 bar.update(done, distance=row["normalised_distance"], returns=row["return"])
                 if done % config.checkpoint_every == 0 and done < config.iterations:
-                    checkpoint()
+                    checkpoints.save({"learner": learner_state(model), "curve": curve, "done": done})
     except KeyboardInterrupt as error:
-        # An iteration cut in the middle left the learner between two states: only whole ones were kept.
-        kept = f"kept {path}; continue with: {run.command} --resume" if path.exists() else "no checkpoint yet"
-        raise Interrupted(f"interrupted after {done} of {config.iterations} iterations; {kept}") from error
+        # The learner stands between two states: only the checkpoint's counts.
+        raise checkpoints.interrupted(f"{done} of {config.iterations} iterations") from error
     return model, curve
-
-
-def check_same_run(path: Path, found: dict[str, Any], found_seed: int, wanted: dict[str, Any], seed: int) -> None:
-    """Raise UsageError unless a checkpoint belongs to the run that wants to resume it."""
-    other = sorted(key for key in found.keys() | wanted.keys() if found.get(key) != wanted.get(key))
-    if found_seed != seed:
-        other.append("seed")
-    if other:
-        raise UsageError(
-            f"--resume: {path} was written with another {', '.join(other)}; give the same options, or start anew"
-        )
 
 
 def action_std(model: BaseAlgorithm) -> float:
@@ -123,24 +91,3 @@ def action_std(model: BaseAlgorithm) -> float:
 def curve_arrays(curve: Curve) -> dict[str, np.ndarray]:
     """A curve as datasets under `curve/`."""
     return {f"curve/{name}": np.asarray(values, np.float64) for name, values in curve.items()}
-
-
-class TensorBoard:
-    """Scalars for TensorBoard in a folder beside the artifact."""
-
-    def __init__(self, folder: Path, done: int):
-        os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
-        from torch.utils.tensorboard import SummaryWriter
-
-        self._writer = SummaryWriter(str(folder), purge_step=done + 1 if done else None)
-
-    def write(self, step: int, row: dict[str, float]) -> None:
-        for name, value in row.items():
-            if name != "iteration" and np.isfinite(value):
-                self._writer.add_scalar(name, value, step)
-
-    def __enter__(self) -> TensorBoard:
-        return self
-
-    def __exit__(self, *exc_info: object) -> None:
-        self._writer.close()

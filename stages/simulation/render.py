@@ -8,14 +8,19 @@ from __future__ import annotations
 
 import multiprocessing.connection
 import os
+import signal
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from artifacts import PlatformError
+from stages.simulation.gl import forget_backend
+
 if TYPE_CHECKING:
     import mujoco
 
+DEAD_WORKER = "a process that draws frames ended: run `ifo doctor`, or use fewer --workers if memory is short"
 TILES = (8, 16)  # columns, rows of the buffer: larger gains nothing
 PIECE = TILES[0] * TILES[1]
 
@@ -50,9 +55,17 @@ class TileRenderer:
         full_width, full_height = self._columns * width, self._rows * height
         self._model.vis.global_.offwidth = full_width
         self._model.vis.global_.offheight = full_height
-        self._gl: Any = mujoco.GLContext(full_width, full_height)
-        self._gl.make_current()
-        self._render_context: Any = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_50)
+        self._gl: Any = None
+        try:
+            self._gl = mujoco.GLContext(full_width, full_height)
+            self._gl.make_current()
+            self._render_context: Any = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_50)
+        except (RuntimeError, ImportError, mujoco.FatalError) as error:
+            forget_backend()
+            reason = " ".join(str(error).split())
+            raise PlatformError(
+                f"nothing here can draw any more ({reason}): `ifo doctor` says what to install"
+            ) from error
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._render_context)
         self._scene = mujoco.MjvScene(self._model, maxgeom=max(64, 2 * self._model.ngeom))
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
@@ -120,14 +133,20 @@ class TileRenderer:
 
 def _serve(connection: Connection, xml: str, height: int, width: int) -> None:
     """A render process: answers (fields, qpos) with frames until it is told None."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks: it ends this one.
     import mujoco
 
-    renderer = TileRenderer(mujoco.MjModel.from_xml_string(xml), height, width)
+    try:
+        renderer = TileRenderer(mujoco.MjModel.from_xml_string(xml), height, width)
+    except PlatformError as error:
+        connection.send(str(error))
+        return
+    connection.send(None)
     try:
         while (request := connection.recv()) is not None:
             connection.send_bytes(renderer.render(*request).tobytes())
-    except (EOFError, KeyboardInterrupt):
-        pass
+    except (EOFError, OSError):
+        pass  # The process that asked is gone.
     finally:
         renderer.close()
 
@@ -147,18 +166,35 @@ class RenderPool:
             return
         os.environ.setdefault("LP_NUM_THREADS", "1")
         spawn = multiprocessing.get_context("spawn")
-        for _ in range(workers):
-            ours, theirs = spawn.Pipe()
-            process = spawn.Process(target=_serve, args=(theirs, xml, height, width), daemon=True)
-            process.start()
-            theirs.close()
-            self._connections.append(ours)
-            self._processes.append(process)
+        try:
+            for _ in range(workers):
+                ours, theirs = spawn.Pipe()
+                process = spawn.Process(target=_serve, args=(theirs, xml, height, width), daemon=True)
+                process.start()
+                theirs.close()
+                self._connections.append(ours)
+                self._processes.append(process)
+            for connection in self._connections:
+                if (problem := connection.recv()) is not None:
+                    raise PlatformError(problem)
+        except (EOFError, OSError) as error:
+            self.close()
+            raise PlatformError(DEAD_WORKER) from error
+        except PlatformError:
+            self.close()
+            raise
 
     def render(self, fields: dict[str, np.ndarray], qpos: np.ndarray) -> np.ndarray:
         """Frames (V, T, H, W, 3) of V videos; as `TileRenderer.render`."""
         if self._local is not None:
             return self._local.render(fields, qpos)
+        try:
+            return self._render(fields, qpos)
+        except (EOFError, OSError) as error:
+            raise PlatformError(DEAD_WORKER) from error
+
+    def _render(self, fields: dict[str, np.ndarray], qpos: np.ndarray) -> np.ndarray:
+        """Hand pieces to whichever process is free."""
         cuts = pieces(*qpos.shape[:2])
         out = np.empty((*qpos.shape[:2], *self._size, 3), np.uint8)
         waiting = list(reversed(range(len(cuts))))
@@ -193,6 +229,8 @@ class RenderPool:
                 pass  # The process is gone already.
         for process in self._processes:
             process.join(timeout=5)
+            if process.is_alive():
+                process.terminate()
         self._connections, self._processes = [], []
 
     def __enter__(self) -> RenderPool:

@@ -21,7 +21,7 @@ def evaluate_translator(model: Translator, frames: Tensor, device: str, limit: i
     Returns:
         Means over frames 1..T-1 (frame 0 is the context itself) of `psnr` (dB), `ssim`, `trans`, `rec` (sums of
         squared differences a frame in [0, 1]) and `align` (a sum over features), the same of copying the context
-        frame (`copy_psnr`, `copy_ssim`, `copy_trans`), and the median `feature_ratio`.
+        frame (`copy_psnr`, `copy_ssim`, `copy_trans`, of its features `copy_align`), and the median `feature_ratio`.
     """
     count = min(limit, len(frames))
     totals: dict[str, list[Tensor]] = {}
@@ -46,6 +46,7 @@ def evaluate_translator(model: Translator, frames: Tensor, device: str, limit: i
             "copy_trans": squared_error(copied, truth),
             "rec": squared_error(decoded, truth),
             "align": (z3 - z).square().sum(dim=-1)[:, 1:],
+            "copy_align": (z[:, :1] - z).square().sum(dim=-1)[:, 1:],
             "feature_ratio": feature_ratio(z3, z),
         }
         for name, value in values.items():

@@ -19,9 +19,9 @@ class LossWeights:
         align: lambda_2.
     """
 
-    trans: float = 1.0
-    rec: float = 1.0
-    align: float = 0.02
+    trans: float
+    rec: float
+    align: float
 
 
 def translation_losses(

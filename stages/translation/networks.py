@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from artifacts import UsageError
+from artifacts import ArtifactError
 from stages.translation.layers import LEAK, ConvEncoder, SkipConvTranspose2d, halved, he_initialise
 
 
@@ -219,7 +219,7 @@ class CompactTranslator(Translator):
 def make_translator(arch: str, size: tuple[int, int]) -> Translator:
     """A freshly initialised translator; `arch` is one of ARCHITECTURES, `size` the frames' height and width."""
     if size[0] % 4 or size[1] % 4:
-        raise UsageError(f"frames of {size[1]}x{size[0]} pixels: expected width and height to be multiples of 4")
+        raise ArtifactError(f"frames of {size[1]}x{size[0]} pixels: expected width and height to be multiples of 4")
     return PaperTranslator(size) if arch == "paper" else CompactTranslator(size)
 
 

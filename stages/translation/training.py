@@ -13,9 +13,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from artifacts import Interrupted, checkpoint_path, read_checkpoint, sibling, write_checkpoint
+from artifacts import sibling
+from stages.board import TensorBoard
+from stages.checkpoints import Checkpoints
 from stages.configs import TranslatorConfig
-from stages.learners.loop import TensorBoard, check_same_run
 from stages.run import RunOptions
 from stages.seeding import generator, integer
 from stages.state import from_tree, to_tree
@@ -134,10 +135,9 @@ def train(
     evaluate: Callable[[Translator], dict[str, float]],
     run: RunOptions,
     out: Path,
-    full_config: dict[str, Any],
-    parents: list[Path],
+    checkpoints: Checkpoints,
 ) -> dict[str, list[float]]:
-    """Train to the last step, from the checkpoint beside `out` if `run.resume` and there is one.
+    """Train to the last step, from the checkpoint if the run resumes one.
 
     Args:
         evaluate: Maps the averaged network to held-out metrics.
@@ -148,16 +148,11 @@ def train(
     Raises:
         Interrupted: By the keyboard; the checkpoint was kept.
     """
-    config, path = training.config, checkpoint_path(out)
+    config = training.config
     curve: dict[str, list[float]] = {}
-    if run.resume and path.exists():
-        manifest, state = read_checkpoint(path, stage="train-translator")
-        check_same_run(path, manifest.config, manifest.seed, full_config, run.seed)
+    if (state := checkpoints.start()) is not None:
         training.restore(state["training"])
         curve = state["curve"]
-        run.progress.say(f"resuming {out.name} after {training.step} of {config.steps} steps")
-    elif run.resume:
-        run.progress.say(f"no checkpoint beside {out}: starting from the beginning")
     held = {name: values[-1] for name, values in curve.items() if name.startswith("held_out/")}
 
     def measure(losses: dict[str, float]) -> None:
@@ -179,21 +174,12 @@ def train(
                 losses = training.train_step()
                 if training.step % config.evaluate_every == 0 or training.step == config.steps:
                     measure(losses)
-                shown = {k: held[f"held_out/{k}"] for k in ("psnr", "copy_psnr", "feature_ratio") if held}
+                shown = {k: held[f"held_out/{k}"] for k in ("psnr", "copy_psnr", "ssim", "feature_ratio") if held}
                 bar.update(training.step, trans=losses["trans"], rec=losses["rec"], **shown)
                 if training.step % config.checkpoint_every == 0 and training.step < config.steps:
-                    write_checkpoint(
-                        path,
-                        {"training": training.state(), "curve": curve},
-                        stage="train-translator",
-                        config=full_config,
-                        seed=run.seed,
-                        command=run.command,
-                        parents=parents,
-                    )
+                    checkpoints.save({"training": training.state(), "curve": curve})
     except KeyboardInterrupt as error:
-        kept = f"kept {path}; continue with: {run.command} --resume" if path.exists() else "no checkpoint yet"
-        raise Interrupted(f"interrupted after {training.step} of {config.steps} steps; {kept}") from error
+        raise checkpoints.interrupted(f"{training.step} of {config.steps} steps") from error
     spent = time.monotonic() - start
     run.progress.say(f"translator: {training.step - first} steps in {spent:.0f} s")
     return curve

@@ -58,8 +58,8 @@ def inputs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("inputs")
     for words in (
         ("collect-demos", "reach", "--preset", "toy"),
-        ("train-translator", "runs/reach.demos.h5", "--steps", 4),
-        ("translate", "runs/reach.translator.h5"),
+        ("train-translator", "runs/reach-toy.demos.h5", "--steps", 4),
+        ("translate", "runs/reach-toy.translator.h5"),
     ):
         code, _, stderr = finish(folder, words)
         assert code == 0, stderr
@@ -72,11 +72,11 @@ CASES = {
         "expert",
     ),
     "train-translator": (
-        ("train-translator", "runs/reach.demos.h5", "--steps", 60, "--checkpoint-every", 20),
+        ("train-translator", "runs/reach-toy.demos.h5", "--steps", 60, "--checkpoint-every", 20),
         "translator",
     ),
     "learn-policy": (
-        ("learn-policy", "runs/reach-c0.translation.h5", "--iterations", 12, "--checkpoint-every", 2),
+        ("learn-policy", "runs/reach-toy-c0.translation.h5", "--iterations", 12, "--checkpoint-every", 2),
         "policy",
     ),
 }
@@ -126,7 +126,7 @@ def test_resume_refuses_other_options_and_keeps_the_checkpoint(inputs, tmp_path)
 @pytest.mark.parametrize("delay", [0.5, 2.0, 3.5])
 def test_killing_collect_demos_leaves_the_old_demos_or_new_ones(delay, inputs, tmp_path):
     out = tmp_path / "x.demos.h5"
-    old = (inputs / "runs" / "reach.demos.h5").read_bytes()
+    old = (inputs / "runs" / "reach-toy.demos.h5").read_bytes()
     out.write_bytes(old)
     words = ("collect-demos", "reach", "--preset", "toy", "--seed", 3, "--n", 512)
     expert = next((inputs / "runs").glob("*.expert.h5"))

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import nn
 
-from artifacts import UsageError
+from artifacts import ArtifactError
 from stages.translation.losses import translation_losses
 from stages.translation.networks import CompactTranslator, PaperTranslator, make_translator, to_frames, to_images
 
@@ -83,7 +83,7 @@ def test_features_of_different_frames_differ_at_the_start(arch):
 
 
 def test_frame_sizes_that_do_not_fit_are_refused():
-    with pytest.raises(UsageError, match="multiples of 4"):
+    with pytest.raises(ArtifactError, match="multiples of 4"):
         make_translator("compact", (50, 48))
 
 
