@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import statistics
 import time
 from types import SimpleNamespace
@@ -22,6 +23,8 @@ import numpy as np
 
 from stages.run import pick_workers
 from stages.simulation.gl import choose_backend
+
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # As the command line does, before torch is imported.
 
 TASK, ARCH, SEED, EPISODES = "reach", "compact", 0, 250
 
@@ -40,17 +43,18 @@ def main() -> None:
     batch, processes = batch_env(workers), process_env(workers)
     try:
         learners = {"batch": make_learner(config, batch, SEED), "processes": make_learner(config, processes, SEED)}
-        samples = EPISODES * batch.task.control_steps
-        iterate(learners["batch"], samples)  # The first also pays for what is made once.
+        # A number of processes that does not divide the samples makes a few less.
+        samples = {"batch": EPISODES * 50, "processes": workers * processes.task.control_steps}
+        iterate(learners["batch"], samples["batch"])  # The first also pays for what is made once.
         processes.reset()
         processes.step(np.zeros((workers, 3), np.float32))
         seconds: dict[str, list[float]] = {"batch": [], "processes": []}
         for name in ("batch", "processes", "batch"):
-            seconds[name].append(iterate(learners[name], samples))
+            seconds[name].append(iterate(learners[name], samples[name]))
     finally:
         batch.close()
         processes.close()
-    rate = {name: samples / statistics.mean(values) for name, values in seconds.items()}
+    rate = {name: samples[name] / statistics.mean(values) for name, values in seconds.items()}
     result = {
         "benchmark": "learn_iteration",
         "workers": workers,

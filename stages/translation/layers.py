@@ -35,7 +35,8 @@ class SkipConvTranspose2d(nn.ConvTranspose2d):
 
     The skip belongs to a pair, the input to each of the pair's frames. Convolution is linear, so the skip's half is
     computed once a pair and added to every frame: the same mathematics in fewer operations. With C and S channels of
-    input and skip, a pair of K frames costs (K C + S) / (K (C + S)) of the plain form.
+    input and skip, a pair of K frames costs (K C + S) / (K (C + S)) of the plain form: with C = S, as in the paper's
+    network, and K = 4, five eighths.
     """
 
     def __init__(self, channels: int, skip_channels: int, out_channels: int, kernel: int, stride: int = 2):

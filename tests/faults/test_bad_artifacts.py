@@ -97,6 +97,34 @@ def test_one_line_exit_code_3_and_nothing_written(stage, fault, tmp_path, monkey
     assert before == {item: item.read_bytes() for item in tmp_path.iterdir() if item.is_file()}
 
 
+@pytest.mark.parametrize("stage", ["learn-policy", "translate", "evaluate"])
+def test_a_configuration_that_lacks_a_key_is_the_files_fault(stage, tmp_path, monkeypatch, capfd):
+    words, kind = STAGES[stage]
+    monkeypatch.setitem(globals(), "CONFIG", {"preset": "toy"})
+    path = write(tmp_path, kind, [write(tmp_path, PARENT[kind])])
+    monkeypatch.setattr(sys, "stdin", io.StringIO(""))
+    assert main([*words, str(path)]) == 3
+    lines = capfd.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert "lacks" in lines[0]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("train-translator", "DEMOS", "--without", "trans", "--without", "rec", "--without", "align"),
+        ("train-translator", "DEMOS", "--workers", "100000"),
+        ("train-translator", "DEMOS", "--ema", "1.5"),
+        ("train-translator", "DEMOS", "--device", "banana"),
+    ],
+)
+def test_options_that_make_no_sense_are_usage_errors(words, tmp_path, monkeypatch, capfd):
+    demos = write(tmp_path, "demos")
+    monkeypatch.setattr(sys, "stdin", io.StringIO(""))
+    assert main([str(demos) if word == "DEMOS" else word for word in words]) == 2
+    assert len(capfd.readouterr().err.strip().splitlines()) == 1
+
+
 def test_the_old_artifact_survives_a_stage_that_fails(tmp_path, monkeypatch, capfd):
     old = write(tmp_path, "translator", [write(tmp_path, "demos")])
     kept = tmp_path / "kept.translator.h5"

@@ -123,6 +123,21 @@ def test_resume_refuses_other_options_and_keeps_the_checkpoint(inputs, tmp_path)
     assert checkpoint.read_bytes() == kept
 
 
+def test_resume_refuses_an_input_that_changed(inputs, tmp_path):
+    demos, out = tmp_path / "x.demos.h5", tmp_path / "x.translator.h5"
+    checkpoint = tmp_path / "x.translator.checkpoint.h5"
+    collect = ("collect-demos", "reach", "--preset", "toy", "--expert", "runs/reach-toy.expert.h5", "--out", demos)
+    train = ("train-translator", demos, "--seed", 0, "--steps", 60, "--checkpoint-every", 20)
+    assert finish(inputs, (*collect, "--seed", 0))[0] == 0
+    interrupt(inputs, train, checkpoint, signal.SIGKILL)
+    assert finish(inputs, (*collect, "--seed", 1))[0] == 0
+    code, stdout, stderr = finish(inputs, (*train, "--resume"))
+    assert code == 2
+    assert stdout == ""
+    assert "input file" in stderr
+    assert not out.exists()
+
+
 @pytest.mark.parametrize("delay", [0.5, 2.0, 3.5])
 def test_killing_collect_demos_leaves_the_old_demos_or_new_ones(delay, inputs, tmp_path):
     out = tmp_path / "x.demos.h5"
