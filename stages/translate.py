@@ -90,8 +90,9 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
         "image_scale": torch.cat(image_motion).mean().numpy(),
     }
     metrics: dict[str, float] = {}
-    if contexts is not None and truth is not None:
+    if contexts is not None:
         arrays |= {f"contexts/{name}": values for name, values in contexts.items()}
+    if truth is not None:
         arrays |= _truth(model, truth, device, arrays, metrics)
         run.progress.say(
             f"mean translation against the expert's video in this context: {metrics['psnr']:.2f} dB PSNR (copying the "
