@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+
 import numpy as np
 
 from stages.simulation.contexts import Contexts
 from stages.simulation.task import State, Task
 
 
-class StateReward:
+class StateReward(ABC):
     """Base of rewards that read the simulator's state: one term, nothing to free."""
 
     def __init__(self, task: Task):
         self._task = task
         self._returns: list[np.ndarray] = []
 
+    @abstractmethod
     def reward(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
-        raise NotImplementedError("a subclass defines its reward")
+        """Reward (n,) of the action (n, nu) that led to `state`."""
 
     def __call__(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
         value = self.reward(step, state, action, contexts)
