@@ -32,8 +32,8 @@ class StateReward(ABC):
         self._returns.clear()
         return {"return": total}
 
-    def close(self) -> None:
-        pass
+    def close(self) -> None:  # noqa: B027 - nothing to free here, and nothing to demand of subclasses
+        """Free nothing."""
 
 
 class ExpertReward(StateReward):
