@@ -18,7 +18,7 @@ import torch
 from stages.translation.losses import translation_losses
 from stages.translation.networks import Translator, make_translator
 
-PAIRS, FRAMES = 8, 4
+PAIRS, FRAMES = 16, 4  # as in the quick preset
 ROUNDS = 6
 
 
