@@ -15,7 +15,7 @@ from stages.configs import LearnerConfig
 from stages.learners.environment import EpisodeEnv
 
 
-def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int, device: str = "cpu") -> BaseAlgorithm:
+def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int) -> BaseAlgorithm:
     """A Stable-Baselines3 algorithm over `env`, silent (the caller logs), seeded."""
     steps = env.task.control_steps
     samples = steps * env.num_envs
@@ -35,7 +35,7 @@ def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int, device: str 
             cg_max_steps=10,
             policy_kwargs={"log_std_init": config.log_std, **layers},
             seed=seed,
-            device=device,
+            device="cpu",
         )
     elif config.learner == "ppo":
         model = PPO(
@@ -50,7 +50,7 @@ def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int, device: str 
             n_epochs=10,
             policy_kwargs={"log_std_init": config.log_std, **layers},
             seed=seed,
-            device=device,
+            device="cpu",
         )
     else:
         model = SAC(
@@ -65,7 +65,7 @@ def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int, device: str 
             learning_starts=0,
             policy_kwargs=layers,
             seed=seed,
-            device=device,
+            device="cpu",
         )
     model.set_logger(Logger(folder=None, output_formats=[]))
     return model
