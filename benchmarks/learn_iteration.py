@@ -100,7 +100,7 @@ def batch_env(workers: int):
     from stages.simulation.render import RenderPool
 
     task, context, model, target = parts()
-    pool = RenderPool(task.build().to_xml_string(), *task.frame_size, workers)
+    pool = RenderPool.of(task, workers)
     reward = TranslationReward(task, context, model, target, pool)
     return EpisodeEnv(task, EPISODES, SEED, lambda rng, n: repeat(context, n), reward, nthread=workers)
 

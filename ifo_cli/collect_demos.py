@@ -38,4 +38,4 @@ def collect_demos(
 
         return collect_demos(task, config, run, paths[0] if paths else None)
 
-    run_stage(STAGE, given, call, named=[expert] if expert else None)
+    run_stage(STAGE, given, call, named=[expert] if expert else None, task=task)

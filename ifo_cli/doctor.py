@@ -130,7 +130,7 @@ def _frame() -> str:
     contexts = task.draw_contexts(np.random.default_rng(0), 1, DISTRIBUTIONS["fixed"])
     qpos, _ = task.context_state(contexts)
     height, width = task.frame_size
-    with RenderPool(task.build().to_xml_string(), height, width, 1) as pool:
+    with RenderPool.of(task, 1) as pool:
         frame = pool.render(task.model_fields(contexts), qpos[:, None])[0, 0]
     colours = len(np.unique(frame.reshape(-1, 3), axis=0))
     if colours < FEWEST_COLOURS:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from artifacts.errors import PlatformError, UsageError
 from ifo_cli.options import Given
 from ifo_cli.streams import emit, inputs_or_stdin, plain, stdout_to_stderr
-from stages.configs import PRESETS, TASKS
+from stages.configs import PRESETS, TASKS, defaults
 
 if TYPE_CHECKING:
     from artifacts import Artifact
@@ -42,11 +42,15 @@ Call = Callable[[Any, "RunOptions", list[Path]], "StageResult"]
 
 def check_task(task: str) -> str:
     """Return the task's name, or raise UsageError with what it may have been meant to be."""
-    if task in TASKS:
-        return task
-    close = difflib.get_close_matches(task.lower(), TASKS, n=1, cutoff=0.5)
+    import importlib.metadata
+
+    installed = [entry.name for entry in importlib.metadata.entry_points(group="ifo.tasks")]
+    if task in TASKS or task in installed or ":" in task:
+        return task  # What stands behind a colon is looked up by the stage.
+    close = difflib.get_close_matches(task.lower(), [*TASKS, *installed], n=1, cutoff=0.5)
     meant = f", did you mean {close[0]}?" if close else ":"
-    raise UsageError(f"no task {task!r}{meant} expected one of {', '.join(TASKS)}")
+    known = ", ".join([*TASKS, *installed])
+    raise UsageError(f"no task {task!r}{meant} expected one of {known}, dm:DOMAIN-TASK, or MODULE:ATTR")
 
 
 def run_stage(
@@ -56,6 +60,7 @@ def run_stage(
     *,
     named: Sequence[Path] | None,
     several: bool = False,
+    task: str = "",
 ) -> None:
     """Run a stage and print its artifact's path, or with --json its figures.
 
@@ -65,6 +70,7 @@ def run_stage(
         call: Calls the stage with its configuration, run options and input paths.
         named: Input paths of the command line; empty: read them from standard input; None: there are none.
         several: Whether the stage takes more than one input.
+        task: The task that the command line named; else the first input's.
     """
     _check_numbers(given)
     out = _check_out(given.run.get("out"))
@@ -87,7 +93,8 @@ def run_stage(
             command=shlex.join(["ifo", *words]),
             progress=Progress(quiet=given.quiet),
         )
-        config = dataclasses.replace(PRESETS[run.preset][stage], **given.config)
+        task = task or (str(parents[0].config.get("task") or "") if parents else "")
+        config = dataclasses.replace(defaults(run.preset, stage, task), **given.config)
         _make_folder(out)
         result = call(config, run, paths)
     if given.json:

@@ -29,4 +29,4 @@ def train_expert(task: TaskArgument, given: Given) -> None:
 
         return train_expert(task, config, run)
 
-    run_stage(STAGE, given, call, named=None)
+    run_stage(STAGE, given, call, named=None, task=task)

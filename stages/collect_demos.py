@@ -18,7 +18,7 @@ from artifacts import (
     write_mp4,
     write_png,
 )
-from stages.configs import DEFAULT_PRESET, PRESETS, DemosConfig
+from stages.configs import DEFAULT_PRESET, DemosConfig, defaults
 from stages.run import RunOptions, StageResult, environment, full_config, pick_workers
 from stages.seeding import generator
 from stages.simulation.contexts import Contexts, take
@@ -39,55 +39,59 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
     from stages.learners.policy import Policy
     from stages.simulation.gl import choose_backend
     from stages.simulation.render import RenderPool
-    from stages.simulation.tasks import distribution, make_task
+    from stages.simulation.tasks import distribution, file_name, make_task
     from stages.threads import use_threads
     from stages.train_expert import load_expert
 
     choose_backend()
-    task = make_task(task_name)
+    task = make_task(task_name, typed=True)
     workers = use_threads(pick_workers(run.workers))
-    name = task_name if run.preset == DEFAULT_PRESET else f"{task_name}-{run.preset}"
+    name = file_name(task_name) + ("" if run.preset == DEFAULT_PRESET else f"-{run.preset}")
     out = run.out or default_path(Path("runs"), name, "demos")
     expert = expert or _find_or_train_expert(task_name, run, out.parent)
     policy = Policy.load(load_expert(expert, task_name))
-    drawn_from = distribution(config.contexts)
+    drawn_from = distribution(config.contexts, config.vary)
 
     videos = np.empty((config.n, task.frames, *task.frame_size, 3), np.uint8)
-    contexts, rollouts = [], []
+    contexts: list[Contexts] = []
+    initial: list[np.ndarray] = []
+    final: list[np.ndarray] = []
     kept = dropped = chunks = 0
+    chunk = min(CHUNK, config.n)
     with (
-        RenderPool(task.build().to_xml_string(), *task.frame_size, workers) as pool,
+        RenderPool.of(task, workers) as pool,
         run.progress.bar(f"collect-demos {task_name}", config.n, "demos") as bar,
     ):
         while kept < config.n:
-            if kept + dropped >= MAX_ATTEMPTS * max(config.n, CHUNK):
+            if kept + dropped >= MAX_ATTEMPTS * max(config.n, chunk):
                 raise ArtifactError(
                     f"{expert}: the expert failed in {dropped} of {kept + dropped} contexts, expected at least a "
                     f"quarter to end below {task.expert_threshold} of the initial distance; train it longer "
                     f"(ifo train-expert {task_name}), or keep failures (--keep-failures)"
                 )
-            drawn = task.draw_contexts(generator(run.seed, "demos", chunks), CHUNK, drawn_from)
+            drawn = task.draw_contexts(generator(run.seed, "demos", chunks), chunk, drawn_from)
             episode = _roll_out(task, policy, drawn, workers)
             good = config.keep_failures | (episode.normalised_distance < task.expert_threshold)
             chosen = np.flatnonzero(good)[: config.n - kept]
             kept, chunks = kept + len(chosen), chunks + 1
-            looked_at = int(chosen[-1]) + 1 if kept == config.n else CHUNK
+            looked_at = int(chosen[-1]) + 1 if kept == config.n else chunk
             dropped += looked_at - len(chosen)
             if not len(chosen):
                 continue
             part = take(drawn, chosen)
             videos[kept - len(chosen) : kept] = pool.render(task.model_fields(part), episode.frame_qpos(task)[chosen])
             contexts.append(part)
-            rollouts.append(episode.distance[chosen])
+            initial.append(episode.initial_distance[chosen])
+            final.append(episode.final_distance[chosen])
             bar.update(kept, dropped=dropped)
 
-    distances = np.concatenate(rollouts)
+    initial_distance, final_distance = np.concatenate(initial), np.concatenate(final)
     if not config.keep_failures:
         run.progress.say(f"dropped {dropped} of {kept + dropped} demonstrations in which the expert failed")
     arrays = {
         "frames": videos,
-        "initial_distance": distances[:, 0],
-        "final_distance": distances[:, -1],
+        "initial_distance": initial_distance,
+        "final_distance": final_distance,
         **{f"contexts/{name}": np.concatenate([part[name] for part in contexts]) for name in contexts[0]},
     }
     described = full_config("collect-demos", config, run, task=task_name, dropped=dropped)
@@ -106,7 +110,7 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
         "demos": kept,
         "dropped": dropped,
         "frames": int(videos.shape[0] * videos.shape[1]),
-        "normalised_distance": float((distances[:, -1] / distances[:, 0]).mean()),
+        "normalised_distance": float((final_distance / initial_distance).mean()),
         "contact_sheet": str(sibling(out, ".png")),
         "video": str(sibling(out, ".mp4")),
     }
@@ -135,9 +139,10 @@ def expert_video(task: Task, expert_path: Path, contexts: Contexts, pool) -> np.
 
 def _find_or_train_expert(task_name: str, run: RunOptions, folder: Path) -> Path:
     """The expert of this preset in `folder`, trained now if there is none."""
+    from stages.simulation.tasks import file_name
     from stages.train_expert import train_expert
 
-    path = default_path(folder, f"{task_name}-{run.preset}", "expert")
+    path = default_path(folder, f"{file_name(task_name)}-{run.preset}", "expert")
     if path.exists():
         read_artifact(path, "expert")
         run.progress.say(f"using the expert {path}")
@@ -145,7 +150,7 @@ def _find_or_train_expert(task_name: str, run: RunOptions, folder: Path) -> Path
     run.progress.say(f"no expert of {task_name} yet: training one, kept as {path}")
     command = f"ifo train-expert {task_name} --preset {run.preset} --seed {run.seed} --out {path}"
     expert_run = dataclasses.replace(run, out=path, command=command, resume=False)
-    return train_expert(task_name, PRESETS[run.preset]["train-expert"], expert_run).path
+    return train_expert(task_name, defaults(run.preset, "train-expert", task_name), expert_run).path
 
 
 def _show(videos: np.ndarray, out: Path) -> None:

@@ -5,16 +5,20 @@ This module imports nothing heavy, so that `ifo --help` answers at once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-TASKS = ("reach",)
+TASKS = ("reach", "push", "sweep", "strike")
 CONTEXTS = ("paper", "narrow", "fixed")
 ARCHITECTURES = ("compact", "paper")
 LOSSES = ("trans", "rec", "align")
 REWARDS = ("translation", "oracle", "video")
 REWARD_TERMS = ("feat", "img")
-RAMPS = ("none", "quadratic")
+RAMPS = ("task", "none", "quadratic")
+VARY = (
+    "What varies from context to context, separated by commas, of azimuth, elevation, distance, colour, distractors, "
+    "goal, initial (default: what the paper varies in the task)."
+)
 LEARNERS = ("trpo", "ppo", "sac")
 SPLITS = ("held-out", "all")
 
@@ -39,6 +43,7 @@ class LearnerConfig:
     gae_lambda: float = option(0.97, "Lambda of generalised advantage estimation.", low=0, high=1)
     log_std: float = option(-0.5, "Initial log standard deviation of the actions.")
     critic_rate: float = option(3e-3, "Learning rate of the value network.", low=0)
+    updates: float = option(0.04, "Gradient updates a sample (SAC alone).", low=0)
     checkpoint_every: int = option(10, "Iterations between checkpoints.", low=1)
 
 
@@ -47,6 +52,7 @@ class ExpertConfig(LearnerConfig):
     """An expert: learns the task's hand-written reward in random contexts, seeing the state and the goal."""
 
     contexts: str = option("paper", "Contexts to practise in.", CONTEXTS)
+    vary: str = option("", VARY)
     test_contexts: int = option(200, "Contexts that the finished expert is tested in.", low=1)
     test_episodes: int = option(16, "Episodes a context when its consistency is measured.", low=2)
 
@@ -57,6 +63,7 @@ class DemosConfig:
 
     n: int = option(3000, "Demonstrations to collect.", low=2)
     contexts: str = option("paper", "Contexts to draw from.", CONTEXTS)
+    vary: str = option("", VARY)
     keep_failures: bool = option(False, "Keep demonstrations in which the expert failed.")
 
 
@@ -93,6 +100,7 @@ class TranslateConfig:
     split: str = option("held-out", "Demonstrations to translate.", SPLITS)
     context_seed: int = option(0, "Seed of the learner's context.", low=0)
     contexts: str = option("", "Distribution of the learner's context (default: that of the demonstrations).", CONTEXTS)
+    vary: str = option("", "What varies in the learner's context (default: what does in the demonstrations).")
     context_image: str = option(
         "",
         "PNG of the learner's context, in place of a simulated one (to look at: learn-policy needs a simulated one).",
@@ -106,7 +114,7 @@ class PolicyConfig(LearnerConfig):
     reward: str = option("translation", "Reward: the paper's, the true distance, or the true expert video.", REWARDS)
     without: tuple[str, ...] = option((), "Switch a term of the reward off (repeatable).", REWARD_TERMS)
     image_weight: float = option(1.0, "w_rec, weight of R_img beside R_feat, both scaled to order one.", low=0)
-    ramp: str = option("none", "Weight of a frame's reward over time.", RAMPS)
+    ramp: str = option("task", "Weight of a frame's reward over time: the task's own (strike: quadratic), or.", RAMPS)
 
 
 @dataclass(frozen=True)
@@ -169,3 +177,34 @@ PRESETS: dict[str, dict[str, Any]] = {
         "evaluate": EvaluateConfig(episodes=250),
     },
 }
+
+# What a task needs otherwise than its preset: task, or prefix of tasks, -> preset -> stage -> fields.
+_SUITE = {"learner": "sac", "hidden": 128, "discount": 0.99, "test_contexts": 50, "test_episodes": 4}
+TASK_DEFAULTS: dict[str, dict[str, dict[str, dict[str, Any]]]] = {
+    "push": {"*": {"train-expert": {"iterations": 150}}},
+    "strike": {"*": {"train-expert": {"iterations": 200}}},
+    "dm:": {
+        "*": {
+            "train-expert": {**_SUITE, "iterations": 60, "episodes": 4, "updates": 0.25},
+            "collect-demos": {"n": 1024},
+            "learn-policy": {"iterations": 100, "episodes": 20},
+            "evaluate": {"episodes": 20},
+        },
+        "toy": {
+            "train-expert": {**_SUITE, "iterations": 2, "episodes": 2, "test_contexts": 4, "test_episodes": 2},
+            "collect-demos": {"n": 32},
+            "learn-policy": {"iterations": 2, "episodes": 4},
+            "evaluate": {"episodes": 2},
+        },
+    },
+}
+
+
+def defaults(preset: str, stage: str, task: str = "") -> Any:
+    """The configuration of `stage` under `preset`, with what `task` needs otherwise."""
+    config = PRESETS[preset][stage]
+    for prefix, presets in TASK_DEFAULTS.items():
+        if task == prefix or (prefix.endswith(":") and task.startswith(prefix)):
+            own = presets.get(preset, presets["*"] if preset != "toy" else {})
+            config = replace(config, **own.get(stage, {}))
+    return config

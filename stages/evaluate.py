@@ -53,7 +53,7 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     results: dict[str, list[np.ndarray]] = {}
     videos: list[np.ndarray] = []
     with (
-        RenderPool(task.build().to_xml_string(), *task.frame_size, 1) as pool,
+        RenderPool.of(task, 1) as pool,
         run.progress.bar("evaluate", len(sources), "policies") as bar,
     ):
         for index, source in enumerate(sources):
@@ -122,10 +122,10 @@ def _episodes(
     calm = rollout(task, same, qpos, qvel, lambda state, _: policy.act(task.observe(state)), 1)
     noisy = rollout(task, same, qpos, qvel, lambda state, _: policy.act(task.observe(state), noise), 1)
     return {
-        "initial_distance": calm.distance[:, 0],
-        "final_distance": calm.distance[:, -1],
+        "initial_distance": calm.initial_distance,
+        "final_distance": calm.final_distance,
         "normalised_distance": calm.normalised_distance,
-        "final_distance_stochastic": noisy.distance[:, -1],
+        "final_distance_stochastic": noisy.final_distance,
         "normalised_distance_stochastic": noisy.normalised_distance,
     }
 

@@ -50,8 +50,7 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     suffix = "" if config.reward == "translation" else f"-{config.reward}"
     suffix += "" if run.seed == source.manifest.seed else f"-s{run.seed}"
     out = run.out or default_path(source.path.parent, stem_of(source.path) + suffix, "policy")
-    xml = task.build().to_xml_string()
-    reward = make_reward(config, task, source, contexts, xml, workers, device)
+    reward = make_reward(config, task, source, contexts, workers, device)
     try:
         env = EpisodeEnv(task, config.episodes, run.seed, lambda rng, n: repeat(contexts, n), reward, nthread=workers)
         described = full_config("learn-policy", config, run, task=task.name)
@@ -63,7 +62,7 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     finally:
         reward.close()
     final = curve["normalised_distance"][-1]
-    with RenderPool(xml, *task.frame_size, 1) as pool:
+    with RenderPool.of(task, 1) as pool:
         video = policy_video(task, Policy.of(model), contexts, pool)
     shown = {"target": np.clip(source["target_images"], 0, 255).round().astype(np.uint8), "policy": video}
     if "expert_frames" in source:
@@ -91,7 +90,7 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
 
 
 def make_reward(
-    config: PolicyConfig, task: Task, source: Artifact, contexts: Contexts, xml: str, workers: int, device: str
+    config: PolicyConfig, task: Task, source: Artifact, contexts: Contexts, workers: int, device: str
 ) -> Any:
     """The reward that `config` names.
 
@@ -122,10 +121,9 @@ def make_reward(
     feature_scale, image_scale = float(source["feature_scale"]), float(source["image_scale"])
     model = load_translator(source.parent("translator", check=True), device)
     target = TrackingTarget(torch.from_numpy(features).to(device), images.to(device), feature_scale, image_scale)
-    pool = RenderPool(xml, *task.frame_size, workers)
-    return TranslationReward(
-        task, contexts, model, target, pool, config.without, config.image_weight, config.ramp, device
-    )
+    pool = RenderPool.of(task, workers)
+    ramp = task.ramp if config.ramp == "task" else config.ramp
+    return TranslationReward(task, contexts, model, target, pool, config.without, config.image_weight, ramp, device)
 
 
 def policy_video(task: Task, policy: Any, contexts: Contexts, pool: Any) -> np.ndarray:

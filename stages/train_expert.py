@@ -32,15 +32,15 @@ def train_expert(task_name: str, config: ExpertConfig, run: RunOptions) -> Stage
     from stages.learners.policy import Policy, policy_weights
     from stages.rewards.state import ExpertReward
     from stages.simulation.gl import choose_backend
-    from stages.simulation.tasks import distribution, make_task
+    from stages.simulation.tasks import distribution, file_name, make_task
     from stages.threads import use_threads
 
     choose_backend(required=False)  # Draws nothing; but mujoco settles on a backend when it is imported.
-    task = make_task(task_name)
+    task = make_task(task_name, typed=True)
     pick_device(run.device)
     workers = use_threads(pick_workers(run.workers))
-    out = run.out or default_path(Path("runs"), f"{task_name}-{run.preset}", "expert")
-    contexts = distribution(config.contexts)
+    out = run.out or default_path(Path("runs"), f"{file_name(task_name)}-{run.preset}", "expert")
+    contexts = distribution(config.contexts, config.vary)
     env = EpisodeEnv(
         task,
         config.episodes,
@@ -90,7 +90,7 @@ def _test(task: Task, policy: Policy, config: ExpertConfig, run: RunOptions, wor
     from stages.simulation.tasks import distribution
 
     rng = generator(run.seed, "expert-test")
-    contexts = task.draw_contexts(rng, config.test_contexts, distribution(config.contexts))
+    contexts = task.draw_contexts(rng, config.test_contexts, distribution(config.contexts, config.vary))
 
     def act(state: State, where: Contexts) -> np.ndarray:
         return policy.act(task.observe_expert(state, where))
@@ -99,9 +99,8 @@ def _test(task: Task, policy: Policy, config: ExpertConfig, run: RunOptions, wor
     spread = []
     for k in range(config.test_contexts):
         same = repeat(take(contexts, slice(k, k + 1)), config.test_episodes)
-        spread.append(
-            rollout(task, same, *task.draw_states(rng, same), act=act, nthread=workers).qpos[:, -1].std(axis=0)
-        )
+        episodes = rollout(task, same, *task.draw_states(rng, same), act=act, nthread=workers)
+        spread.append(episodes.qpos[:, -1, task.posture].std(axis=0))
     return {"test/normalised_distance": distances, "test/spread": np.stack(spread)}
 
 

@@ -141,8 +141,9 @@ def _simulate_context(
     from stages.simulation.tasks import distribution, make_task
 
     task = make_task(demos.config["task"])
-    contexts = learner_context(task, config.context_seed, distribution(config.contexts or demos.config["contexts"]))
-    with RenderPool(task.build().to_xml_string(), *task.frame_size, 1) as pool:
+    drawn_from = distribution(config.contexts or demos.config["contexts"], config.vary or demos.config.get("vary", ""))
+    contexts = learner_context(task, config.context_seed, drawn_from)
+    with RenderPool.of(task, 1) as pool:
         start = task.context_state(contexts)[0]
         frame = pool.render(task.model_fields(contexts), start[None])[0, 0]
         try:

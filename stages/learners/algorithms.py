@@ -14,6 +14,8 @@ from stable_baselines3.common.logger import Logger
 from stages.configs import LearnerConfig
 from stages.learners.environment import EpisodeEnv
 
+SAC_ROLLOUT = 50  # control steps at most between SAC's updates
+
 
 def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int) -> BaseAlgorithm:
     """A Stable-Baselines3 algorithm over `env`, silent (the caller logs), seeded."""
@@ -53,6 +55,7 @@ def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int) -> BaseAlgor
             device="cpu",
         )
     else:
+        rollout = min(steps, SAC_ROLLOUT)
         model = SAC(
             "MlpPolicy",
             env,
@@ -60,8 +63,8 @@ def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int) -> BaseAlgor
             buffer_size=max(samples * min(config.iterations, 40), 1000),
             batch_size=256,
             gamma=config.discount,
-            train_freq=steps,
-            gradient_steps=max(samples // 25, 1),
+            train_freq=rollout,
+            gradient_steps=max(round(rollout * env.num_envs * config.updates), 1),
             learning_starts=0,
             policy_kwargs=layers,
             seed=seed,

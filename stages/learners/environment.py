@@ -47,7 +47,7 @@ class EpisodeEnv(VecEnv):
         self._expert = expert
         self._simulation = BatchSimulation(task, nsim, nthread)
         self._contexts: Contexts = {}
-        self._initial_distance = np.ones(nsim)
+        self._distances: list[np.ndarray] = []
         self._actions = np.zeros((nsim, task.action_size))
         self._step = 0
         self.distances: list[np.ndarray] = []
@@ -63,7 +63,7 @@ class EpisodeEnv(VecEnv):
         rng = generator(self._seed, "episode", self.episode)
         self._contexts = self._draw_contexts(rng, self._simulation.nsim)
         state = self._simulation.reset(*self.task.draw_states(rng, self._contexts))
-        self._initial_distance = self.task.distance(state, self._contexts)
+        self._distances = [self.task.distance(state, self._contexts)]
         self._step = 0
         self.episode += 1
         return self._observe(state)
@@ -81,10 +81,13 @@ class EpisodeEnv(VecEnv):
         done = self._step == self.task.control_steps
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         observation = self._observe(state)
+        self._distances.append(self.task.distance(state, self._contexts))
         if done:
-            self.distances.append(self.task.distance(state, self._contexts) / self._initial_distance)
+            initial, final = self.task.outcome(np.stack(self._distances, axis=1))
+            self.distances.append(final / initial)
             for info, last in zip(infos, observation, strict=True):
                 info["terminal_observation"] = last
+                info["TimeLimit.truncated"] = self.task.truncates
             observation = self._reset_all()
         return observation, rewards.astype(np.float32), np.full(self.num_envs, done), infos
 

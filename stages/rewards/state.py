@@ -48,12 +48,14 @@ class OracleReward(StateReward):
 
     def __init__(self, task: Task):
         super().__init__(task)
-        self._initial = np.ones(1)
+        self._distances: list[np.ndarray] = []
 
     def reward(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
-        distance = self._task.distance(state, contexts)
         if step == 1:
-            self._initial = distance
+            self._distances = []
+        self._distances.append(self._task.distance(state, contexts))
         if step < self._task.control_steps:
-            return np.zeros_like(distance)
-        return -distance / self._initial
+            return np.zeros(len(state.qpos))
+        # The start itself is not among them: the scale is that of one control step later.
+        initial, final = self._task.outcome(np.stack(self._distances, axis=1))
+        return -final / initial

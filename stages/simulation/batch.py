@@ -34,7 +34,7 @@ class BatchSimulation:
         import mujoco
 
         self._batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
-        self._qpos[:], self._qvel[:] = qpos, qvel
+        self._qpos[:], self._qvel[:], self._ctrl[:] = qpos, qvel, 0.0
         self._batch.forward(stage=self._stage)
         return self.state()
 
@@ -49,8 +49,9 @@ class BatchSimulation:
         return State(
             qpos=self._qpos.copy(),
             qvel=self._qvel.copy(),
-            site_xpos=self._sites.reshape(self.nsim, -1, 3).copy(),
+            site_xpos=self._sites.reshape(self.nsim, self.task.model.nsite, 3).copy(),
             time=self._time.reshape(self.nsim).copy(),
+            ctrl=self._ctrl.copy(),
         )
 
 
@@ -60,16 +61,18 @@ class Rollout:
 
     Attributes:
         qpos: Joint positions (n, control_steps + 1, nq).
-        distance: Distance to the goal (n, control_steps + 1), metres.
+        initial_distance: Distance to the goal at the start (n,), metres.
+        final_distance: Distance to the goal at the end (n,), metres.
     """
 
     qpos: np.ndarray
-    distance: np.ndarray
+    initial_distance: np.ndarray
+    final_distance: np.ndarray
 
     @property
     def normalised_distance(self) -> np.ndarray:
         """Final over initial distance (n,), the paper's metric."""
-        return self.distance[:, -1] / self.distance[:, 0]
+        return self.final_distance / self.initial_distance
 
     def frame_qpos(self, task: Task) -> np.ndarray:
         """Joint positions (n, T, nq) at the control steps that a video shows: 0, 2, ..., 48."""
@@ -98,7 +101,5 @@ def rollout(
     for _ in range(task.control_steps):
         state = simulation.step(act(state, contexts))
         states.append(state)
-    return Rollout(
-        qpos=np.stack([s.qpos for s in states], axis=1),
-        distance=np.stack([task.distance(s, contexts) for s in states], axis=1),
-    )
+    distances = np.stack([task.distance(s, contexts) for s in states], axis=1)
+    return Rollout(np.stack([s.qpos for s in states], axis=1), *task.outcome(distances))

@@ -12,7 +12,14 @@ import numpy as np
 
 Contexts = dict[str, np.ndarray]
 
-FACTORS = ("azimuth", "colour", "distractors", "goal", "initial")
+RED = np.array([1.0, 0.0, 0.0])  # the goal's colour
+N_DISTRACTORS = 5
+DISTRACTOR_RADIUS = 0.11  # metres
+DISTRACTOR_PROBABILITY = 0.5  # of each being there
+DISTRACTOR_REACH = 1.1  # metres from the arm's base: the arm's workspace
+
+# What can vary. A task has its own set of these, and varies by default what the paper varies in it.
+FACTORS = ("azimuth", "elevation", "distance", "colour", "distractors", "goal", "initial")
 
 
 @dataclass(frozen=True)
@@ -21,15 +28,15 @@ class ContextDistribution:
 
     Attributes:
         azimuth: Range of the camera's azimuth, degrees.
-        elevation: Range of the camera's elevation, degrees (negative looks down).
-        camera_distance: Range of the distance from the camera to the origin, metres.
-        vary: Factors that are drawn; the others keep the task's canonical value.
+        elevation: Range of the camera's elevation where it varies, degrees (negative looks down).
+        distance: Range of the camera's distance to the origin where it varies, as a multiple of the task's own.
+        vary: Factors that are drawn, the others keep the task's canonical value; None: what the task varies by default.
     """
 
     azimuth: tuple[float, float] = (0.0, 360.0)
-    elevation: tuple[float, float] = (-45.0, -45.0)
-    camera_distance: tuple[float, float] = (4.0, 4.0)
-    vary: frozenset[str] = frozenset(FACTORS)
+    elevation: tuple[float, float] = (-60.0, -35.0)
+    distance: tuple[float, float] = (0.9, 1.2)
+    vary: frozenset[str] | None = None
 
 
 DISTRIBUTIONS: dict[str, ContextDistribution] = {
@@ -49,17 +56,30 @@ def repeat(contexts: Contexts, n: int) -> Contexts:
     return {name: np.repeat(values, n, axis=0) for name, values in contexts.items()}
 
 
-def draw_camera(rng: np.random.Generator, n: int, distribution: ContextDistribution) -> Contexts:
-    """Draw `n` cameras: azimuth and elevation in degrees, distance in metres."""
-    varies = "azimuth" in distribution.vary
+def draw_camera(
+    rng: np.random.Generator,
+    n: int,
+    distribution: ContextDistribution,
+    vary: frozenset[str],
+    elevation: float = -45.0,
+    distance: float = 4.0,
+) -> Contexts:
+    """Draw `n` cameras: azimuth and elevation in degrees, distance in metres.
 
-    def draw(bounds: tuple[float, float]) -> np.ndarray:
-        return rng.uniform(*bounds, n) if varies else np.full(n, 0.5 * (bounds[0] + bounds[1]))
+    Args:
+        vary: Factors that are drawn.
+        elevation: Elevation where it does not vary, degrees.
+        distance: The task's own distance, metres.
+    """
 
+    # Every factor is drawn, whether it varies or not: what one shows does not hang on whether another varies.
+    azimuth = rng.uniform(*distribution.azimuth, n)
+    elevations = rng.uniform(*distribution.elevation, n)
+    distances = distance * rng.uniform(*distribution.distance, n)
     return {
-        "azimuth": draw(distribution.azimuth),
-        "elevation": draw(distribution.elevation),
-        "camera_distance": draw(distribution.camera_distance),
+        "azimuth": azimuth if "azimuth" in vary else np.full(n, 0.5 * sum(distribution.azimuth)),
+        "elevation": elevations if "elevation" in vary else np.full(n, elevation),
+        "camera_distance": distances if "distance" in vary else np.full(n, distance),
     }
 
 
@@ -74,6 +94,45 @@ def draw_colours(rng: np.random.Generator, n: int, *far_from: np.ndarray, gap: f
         if not near.any():
             return colours
         colours[near] = rng.uniform(0.0, 1.0, (int(near.sum()), 3))
+
+
+def draw_distractors(
+    rng: np.random.Generator,
+    clear_of: np.ndarray,
+    clearance: float,
+    table_rgb: np.ndarray,
+    goal_rgb: np.ndarray,
+    visible: bool,
+) -> Contexts:
+    """Draw discs inside the workspace of an arm that stands at the origin.
+
+    Args:
+        clear_of: Points (n, m, 2) that a disc's centre keeps `clearance` metres from.
+        table_rgb, goal_rgb: Colours (n, 3) or (3,) that a disc's own differs from.
+        visible: Whether there are any.
+
+    Returns:
+        `distractor_position` (n, 5, 2) in metres, `distractor_rgb` (n, 5, 3) and `distractor_visible` (n, 5).
+    """
+    n = len(clear_of)
+    centres = np.repeat(clear_of, N_DISTRACTORS, axis=0)
+
+    def draw(m: int) -> np.ndarray:
+        radius = DISTRACTOR_REACH * np.sqrt(rng.uniform(0.04, 1.0, m))
+        angle = rng.uniform(0, 2 * np.pi, m)
+        return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+
+    positions = draw(n * N_DISTRACTORS)
+    while (near := (np.linalg.norm(positions[:, None] - centres, axis=2) < clearance).any(axis=1)).any():
+        positions[near] = draw(int(near.sum()))
+    table = np.repeat(np.broadcast_to(table_rgb, (n, 3)), N_DISTRACTORS, axis=0)
+    colours = draw_colours(rng, n * N_DISTRACTORS, goal_rgb, table, gap=0.4)
+    there = rng.random((n, N_DISTRACTORS)) < DISTRACTOR_PROBABILITY
+    return {
+        "distractor_position": positions.reshape(n, N_DISTRACTORS, 2),
+        "distractor_rgb": colours.reshape(n, N_DISTRACTORS, 3),
+        "distractor_visible": there & visible,
+    }
 
 
 def camera_pose(contexts: Contexts) -> tuple[np.ndarray, np.ndarray]:

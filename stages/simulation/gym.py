@@ -1,4 +1,6 @@
-"""The Gymnasium face: importing this module registers `ifo/Reach-v0`.
+"""The Gymnasium face: importing this module registers `ifo/Reach-v0`, `ifo/Push-v0`, `ifo/Sweep-v0`, `ifo/Strike-v0`.
+
+`ifo/Task-v0` makes any other by `task_name`, such as `dm:reacher-easy`.
 
 import gymnasium
 import stages.simulation.gym
@@ -12,10 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
+from stages.configs import TASKS
+
 if TYPE_CHECKING:
     from stages.simulation.gym_env import SuiteEnv
 
-IDS = {"ifo/Reach-v0": "reach"}
+IDS = {f"ifo/{name.capitalize()}-v0": {"task_name": name} for name in TASKS} | {"ifo/Task-v0": {}}
 
 
 def make(
@@ -49,9 +53,9 @@ def make(
 
 def register() -> None:
     """Register the ids; does nothing where they are registered already."""
-    for name, task_name in IDS.items():
+    for name, kwargs in IDS.items():
         if name not in gymnasium.registry:
-            gymnasium.register(id=name, entry_point=f"{__name__}:make", kwargs={"task_name": task_name})
+            gymnasium.register(id=name, entry_point=f"{__name__}:make", kwargs=kwargs)
 
 
 register()

@@ -11,8 +11,6 @@ from dm_control.rl import control
 from gymnasium.utils import EzPickle
 from shimmy import DmControlCompatibilityV0
 
-from stages.simulation.suite import CAMERA
-
 
 class SuiteEnv(DmControlCompatibilityV0):
     """Shimmy's environment, with what it leaves open mended.
@@ -30,7 +28,7 @@ class SuiteEnv(DmControlCompatibilityV0):
     ):
         self.metadata = {"render_modes": ["rgb_array", "depth_array"], "render_fps": 0}
         height, width = render_size
-        super().__init__(env, render_mode, {"camera_id": CAMERA, "height": height, "width": width})
+        super().__init__(env, render_mode, {"camera_id": env.task.task.camera, "height": height, "width": width})
         EzPickle.__init__(self, env, render_mode, render_size)  # Shimmy's call recorded its own arguments.
         self.metadata["render_fps"] = round(1.0 / env.control_timestep())
         self._closed = False

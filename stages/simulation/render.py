@@ -20,8 +20,10 @@ from stages.simulation.gl import forget_backend
 if TYPE_CHECKING:
     import mujoco
 
+    from stages.simulation.task import Task
+
 DEAD_WORKER = "a process that draws frames ended: run `ifo doctor`, or use fewer --workers if memory is short"
-TILES = (8, 16)  # columns, rows of the buffer: larger gains nothing
+TILES = (8, 8)  # columns, rows of the buffer: larger gains nothing
 PIECE = TILES[0] * TILES[1]
 
 
@@ -44,7 +46,8 @@ class TileRenderer:
     Not thread-safe: use it from the thread that made it, and `close` it there.
     """
 
-    def __init__(self, model: mujoco.MjModel, height: int, width: int):
+    def __init__(self, model: mujoco.MjModel, height: int, width: int, camera: str | int = "context"):
+        """Prepare to draw what `camera` (a name or an id) sees."""
         import mujoco
 
         self._mujoco = mujoco
@@ -74,7 +77,9 @@ class TileRenderer:
         self._perturb = mujoco.MjvPerturb()
         self._camera = mujoco.MjvCamera()
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
-        self._camera.fixedcamid = self._model.camera("context").id
+        self._camera.fixedcamid = self._model.camera(camera).id
+        # A camera that follows a body needs centres of mass.
+        self._follows = self._model.cam_mode[self._camera.fixedcamid] != mujoco.mjtCamLight.mjCAMLIGHT_FIXED
         self._buffer = np.empty((full_height, full_width, 3), np.uint8)
 
     def render(self, fields: dict[str, np.ndarray], qpos: np.ndarray) -> np.ndarray:
@@ -106,6 +111,8 @@ class TileRenderer:
             for position in positions:
                 data.qpos[:] = position
                 mujoco.mj_kinematics(model, data)
+                if self._follows:
+                    mujoco.mj_comPos(model, data)
                 mujoco.mj_camlight(model, data)
                 mujoco.mjv_updateScene(model, data, self._options, self._perturb, self._camera, everything, self._scene)
                 viewport.left = (tile % self._columns) * self._width
@@ -131,13 +138,11 @@ class TileRenderer:
             self._gl = None
 
 
-def _serve(connection: Connection, xml: str, height: int, width: int) -> None:
+def _serve(connection: Connection, model: mujoco.MjModel, height: int, width: int, camera: str | int) -> None:
     """A render process: answers (fields, qpos) with frames until it is told None."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks: it ends this one.
-    import mujoco
-
     try:
-        renderer = TileRenderer(mujoco.MjModel.from_xml_string(xml), height, width)
+        renderer = TileRenderer(model, height, width, camera)
     except PlatformError as error:
         connection.send(str(error))
         return
@@ -154,22 +159,20 @@ def _serve(connection: Connection, xml: str, height: int, width: int) -> None:
 class RenderPool:
     """`workers` processes that draw frames of one model side by side. One worker draws in this process."""
 
-    def __init__(self, xml: str, height: int, width: int, workers: int):
-        import mujoco
-
+    def __init__(self, model: mujoco.MjModel, height: int, width: int, workers: int, camera: str | int = "context"):
         self._size = (height, width)
         self._local: TileRenderer | None = None
         self._connections: list[Connection] = []
         self._processes: list[Any] = []
         if workers <= 1:
-            self._local = TileRenderer(mujoco.MjModel.from_xml_string(xml), height, width)
+            self._local = TileRenderer(model, height, width, camera)
             return
         os.environ.setdefault("LP_NUM_THREADS", "1")
         spawn = multiprocessing.get_context("spawn")
         try:
             for _ in range(workers):
                 ours, theirs = spawn.Pipe()
-                process = spawn.Process(target=_serve, args=(theirs, xml, height, width), daemon=True)
+                process = spawn.Process(target=_serve, args=(theirs, model, height, width, camera), daemon=True)
                 process.start()
                 theirs.close()
                 self._connections.append(ours)
@@ -183,6 +186,11 @@ class RenderPool:
         except PlatformError:
             self.close()
             raise
+
+    @classmethod
+    def of(cls, task: Task, workers: int) -> RenderPool:
+        """A pool that draws the task's frames."""
+        return cls(task.model, *task.frame_size, workers, task.camera)
 
     def render(self, fields: dict[str, np.ndarray], qpos: np.ndarray) -> np.ndarray:
         """Frames (V, T, H, W, 3) of V videos; as `TileRenderer.render`."""

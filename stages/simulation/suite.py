@@ -4,17 +4,19 @@ GL is loaded when this module is imported: call `stages.simulation.gl.choose_bac
 
     env = suite.load("reach", contexts="paper", seed=0)
     time_step = env.reset()
-    frame = suite.frame(env.physics)
+    frame = suite.frame(env.physics, env.task.task)
 """
 
 from __future__ import annotations
 
+import copy
 from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from dm_control import mujoco
+from dm_control.mujoco import wrapper
 from dm_control.rl import control
 from dm_control.suite import base
 
@@ -26,7 +28,6 @@ from stages.simulation.tasks import distribution, make_task
 
 DrawContexts = Callable[[np.random.Generator, int], Contexts]
 
-CAMERA = "context"
 OBSERVERS = ("learner", "expert")
 
 
@@ -40,6 +41,7 @@ class Physics(mujoco.Physics):
             qvel=np.array(self.data.qvel)[None],
             site_xpos=np.array(self.data.site_xpos)[None],
             time=np.array([self.data.time]),
+            ctrl=np.array(self.data.ctrl)[None],
         )
 
     def render(self, *args: Any, **kwargs: Any) -> np.ndarray:
@@ -90,7 +92,7 @@ class SuiteTask(base.Task):
             contexts: A distribution, or its name, or a function (rng, n) -> contexts.
             seed: If given, episode k is what `seeding.generator(seed, "episode", k)` draws, as in the batch.
             random: Without a seed: the random state that episodes are drawn from, as elsewhere in dm_control.
-            observe: `learner` (its own body and the time) or `expert` (the sites and the goal as well).
+            observe: `learner` (positions, velocities and time) or `expert` (what the expert sees as well).
             pixels: Whether frames are among the observations.
 
         Raises:
@@ -105,7 +107,7 @@ class SuiteTask(base.Task):
         self._expert = observe == "expert"
         self._pixels = pixels
         self._action = np.zeros((1, task.action_size))
-        self._initial_distance = 1.0
+        self._distances: list[np.ndarray] = []
         # dm_control asks for the observations' shapes before the first episode.
         self.contexts = task.draw_contexts(np.random.default_rng(0), 1, DISTRIBUTIONS["fixed"])
 
@@ -127,24 +129,28 @@ class SuiteTask(base.Task):
         for name, values in self.task.model_fields(self.contexts).items():
             getattr(physics.model, name)[:] = values[0]
         physics.data.qpos[:], physics.data.qvel[:] = qpos[0], qvel[0]
+        physics.data.ctrl[:] = 0.0
         physics.forward()
         self._action[:] = 0.0
-        self._initial_distance = self.distance(physics)
+        self._distances = [self.task.distance(physics.task_state(), self.contexts)]
 
     def before_step(self, action: Any, physics: Physics) -> None:
         """Hold `action`, clipped to [-1, 1]."""
         self._action[0] = np.clip(getattr(action, "continuous_actions", action), -1.0, 1.0)
         physics.set_control(self._action[0])
 
+    def after_step(self, physics: Physics) -> None:
+        """Note how far the goal is."""
+        self._distances.append(self.task.distance(physics.task_state(), self.contexts))
+
     def get_observation(self, physics: Physics) -> OrderedDict[str, np.ndarray]:
-        """Position, velocity and time; for the expert the sites and the goal; frames on request."""
+        """Position, velocity and time; what the expert sees, and frames, on request."""
         state = physics.task_state()
         observation = OrderedDict(position=state.qpos[0], velocity=state.qvel[0], time=state.time)
         if self._expert:
-            observation["sites"] = state.site_xpos[0].ravel()
-            observation["goal"] = np.array(self.contexts["goal"][0])
+            observation["expert"] = self.task.observe_expert(state, self.contexts)[0]
         if self._pixels:
-            observation["pixels"] = frame(physics, self.task.frame_size)
+            observation["pixels"] = frame(physics, self.task)
         return observation
 
     def get_reward(self, physics: Physics) -> float:
@@ -156,8 +162,9 @@ class SuiteTask(base.Task):
         return float(self.task.distance(physics.task_state(), self.contexts)[0])
 
     def normalised_distance(self, physics: Physics) -> float:
-        """Distance over the distance at the episode's start, the paper's metric."""
-        return self.distance(physics) / self._initial_distance
+        """Distance over the distance at the episode's start, the paper's metric, if the episode ended now."""
+        initial, final = self.task.outcome(np.stack(self._distances, axis=1))
+        return float(final[0] / initial[0])
 
 
 def _drawer(task: Task, contexts: str | ContextDistribution | DrawContexts) -> DrawContexts:
@@ -188,11 +195,9 @@ def load(
     Raises:
         UsageError: There is no such task, distribution or observer.
     """
-    task = make_task(task_name)
-    root = task.build()
-    physics = Physics.from_xml_string(root.to_xml_string(), root.get_assets())
+    task = make_task(task_name, typed=True)
     return Environment(
-        physics,
+        Physics.from_model(wrapper.MjModel(copy.copy(task.model))),
         SuiteTask(task, contexts, seed, random, observe, pixels),
         # Half a step less than the horizon: rounding must not make an episode one step longer.
         time_limit=(task.control_steps - 0.5) * task.control_timestep,
@@ -201,6 +206,6 @@ def load(
     )
 
 
-def frame(physics: mujoco.Physics, size: tuple[int, int] = (48, 48)) -> np.ndarray:
-    """The frame (H, W, 3), uint8 RGB, that the context's camera sees: what the batch renderer draws."""
-    return physics.render(*size, camera_id=CAMERA)
+def frame(physics: mujoco.Physics, task: Task) -> np.ndarray:
+    """The frame (H, W, 3), uint8 RGB, that the task's camera sees: what the batch renderer draws."""
+    return physics.render(*task.frame_size, camera_id=task.camera)

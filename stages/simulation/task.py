@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from artifacts.errors import UsageError
 from stages.simulation.contexts import ContextDistribution, Contexts
 
 if TYPE_CHECKING:
@@ -25,12 +26,14 @@ class State:
         qvel: Joint velocities (n, nv), radians a second.
         site_xpos: World positions of the model's sites (n, nsite, 3), metres.
         time: Time since the episode's start (n,), seconds.
+        ctrl: The action that led here (n, nu), zeros at the start.
     """
 
     qpos: np.ndarray
     qvel: np.ndarray
     site_xpos: np.ndarray
     time: np.ndarray
+    ctrl: np.ndarray
 
 
 class Task(ABC):
@@ -38,21 +41,30 @@ class Task(ABC):
 
     Attributes:
         name: What the command line calls it.
+        factors: What can vary between its contexts; `default_factors` of these do unless the user says otherwise.
         frame_size: Height and width of a frame, pixels.
         control_steps: Control steps an episode.
         substeps: Physics steps a control step.
         frame_every: Control steps between two frames.
         success_threshold: Normalised final distance below which a run succeeds (the paper's criterion).
         expert_threshold: Normalised final distance below which a demonstration is kept.
+        ramp: How the paper weights the reward over time in this task: `none` or `quadratic`.
+        truncates: Whether the last control step merely cuts the episode off, so that values go on beyond it.
+        camera: The camera that contexts place: its name or id in the model.
     """
 
     name: str
+    factors: tuple[str, ...] = ("azimuth", "elevation", "distance", "initial")
+    default_factors: tuple[str, ...] = ("azimuth", "initial")
     frame_size: tuple[int, int] = (48, 48)
     control_steps: int = 50
     substeps: int = 5
     frame_every: int = 2
     success_threshold: float = 0.5
     expert_threshold: float = 0.3
+    ramp: str = "none"
+    truncates: bool = False
+    camera: str | int = "context"
 
     @property
     def frames(self) -> int:
@@ -85,6 +97,23 @@ class Task(ABC):
     def action_size(self) -> int:
         return int(self.model.nu)
 
+    @property
+    def posture(self) -> slice:
+        """Which of qpos are the robot's own joints: those whose final spread tells how consistent an expert is."""
+        return slice(0, self.action_size)
+
+    def varied(self, distribution: ContextDistribution) -> frozenset[str]:
+        """The factors that are drawn from `distribution`.
+
+        Raises:
+            UsageError: It varies something that this task does not have.
+        """
+        if distribution.vary is None:
+            return frozenset(self.default_factors)
+        if unknown := sorted(distribution.vary - set(self.factors)):
+            raise UsageError(f"--vary {unknown[0]}: expected factors that {self.name} has, {', '.join(self.factors)}")
+        return distribution.vary
+
     @abstractmethod
     def draw_contexts(self, rng: np.random.Generator, n: int, distribution: ContextDistribution) -> Contexts:
         """Draw `n` contexts."""
@@ -116,3 +145,7 @@ class Task(ABC):
     @abstractmethod
     def distance(self, state: State, contexts: Contexts) -> np.ndarray:
         """Distance (n,) of the task's object to its goal, metres."""
+
+    def outcome(self, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What an episode is judged by: initial and final distance (n,), of the distances (n, control steps + 1)."""
+        return distance[:, 0], distance[:, -1]

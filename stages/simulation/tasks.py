@@ -1,32 +1,101 @@
-"""Tasks by name."""
+"""Tasks by name: the paper's four, dm_control's suite, and whatever users bring."""
 
 from __future__ import annotations
 
+import dataclasses
+import importlib
+import importlib.metadata
+import os
+from collections.abc import Callable
+
 from artifacts.errors import UsageError
-from stages.simulation.contexts import DISTRIBUTIONS, ContextDistribution
+from stages.simulation.contexts import DISTRIBUTIONS, FACTORS, ContextDistribution
 from stages.simulation.task import Task
 
+GROUP = "ifo.tasks"  # entry points of installed packages
+TRUSTED = "IFO_TASKS"  # environment variable: comma-separated MODULE:ATTR that files may name
 
-def make_task(name: str) -> Task:
+
+def make_task(name: str, typed: bool = False) -> Task:
     """The task called `name`.
 
+    Args:
+        name: One of the paper's four; `dm:DOMAIN-TASK`; the name of an entry point of the group `ifo.tasks`; or
+            `MODULE:ATTR`, a subclass of Task or a function that returns a task.
+        typed: Whether the user typed the name. A `MODULE:ATTR` that comes from a file is imported only if the
+            environment variable IFO_TASKS lists it: opening a stranger's file must not run code.
+
     Raises:
-        UsageError: There is no such task.
+        UsageError: There is no such task, or it may not be imported.
     """
+    from stages.simulation.push import Push
     from stages.simulation.reach import Reach
+    from stages.simulation.strike import Strike
+    from stages.simulation.sweep import Sweep
 
-    tasks: dict[str, type[Task]] = {task.name: task for task in (Reach,)}
-    if name not in tasks:
-        raise UsageError(f"task {name!r}: expected one of {', '.join(tasks)}")
-    return tasks[name]()
+    tasks: dict[str, type[Task]] = {task.name: task for task in (Reach, Push, Sweep, Strike)}
+    if name in tasks:
+        return tasks[name]()
+    if name.startswith("dm:"):
+        from stages.simulation.dm import DmTask
+
+        return DmTask(name)
+    for entry in importlib.metadata.entry_points(group=GROUP):
+        if entry.name == name:
+            return _made(name, entry.load)
+    if ":" not in name:
+        raise UsageError(f"task {name!r}: expected one of {', '.join(tasks)}, dm:DOMAIN-TASK, or MODULE:ATTR")
+    if not typed and name not in os.environ.get(TRUSTED, "").split(","):
+        raise UsageError(
+            f"task {name!r} is code that the file names, and code is not run for being named by a file: if you trust "
+            f"it, export {TRUSTED}={name}"
+        )
+    return _made(name, lambda: _attribute(name))
 
 
-def distribution(name: str) -> ContextDistribution:
+def _attribute(name: str) -> object:
+    module, _, attribute = name.partition(":")
+    return getattr(importlib.import_module(module), attribute)
+
+
+def _made(name: str, load: Callable[[], object]) -> Task:
+    """The task that a user's code makes.
+
+    Raises:
+        UsageError: It cannot be imported, or is no task.
+    """
+    try:
+        made = load()
+    except (ImportError, AttributeError, ValueError) as error:
+        raise UsageError(
+            f"task {name!r} cannot be imported ({error}): is its module installed or on PYTHONPATH?"
+        ) from error
+    task = made() if callable(made) else made
+    if not isinstance(task, Task):
+        raise UsageError(f"task {name!r} is a {type(task).__name__}, expected a stages.simulation.task.Task")
+    task.name = name  # What later stages find it by.
+    return task
+
+
+def file_name(task_name: str) -> str:
+    """The task's name as part of a file name."""
+    return task_name.replace(":", "-").replace("/", "-")
+
+
+def distribution(name: str, vary: str = "") -> ContextDistribution:
     """The context distribution called `name`.
 
+    Args:
+        vary: Comma-separated factors to vary in place of the task's own choice; empty: those.
+
     Raises:
-        UsageError: There is no such distribution.
+        UsageError: There is no such distribution or factor.
     """
     if name not in DISTRIBUTIONS:
         raise UsageError(f"--contexts {name!r}: expected one of {', '.join(DISTRIBUTIONS)}")
-    return DISTRIBUTIONS[name]
+    if not vary:
+        return DISTRIBUTIONS[name]
+    factors = frozenset(word.strip() for word in vary.split(","))
+    if unknown := sorted(factors - set(FACTORS)):
+        raise UsageError(f"--vary {unknown[0]!r}: expected some of {', '.join(FACTORS)}, separated by commas")
+    return dataclasses.replace(DISTRIBUTIONS[name], vary=factors)

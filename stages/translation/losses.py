@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
 from stages.translation.networks import Translator
@@ -41,26 +42,29 @@ def translation_losses(
     Returns:
         Scalars `trans`, `rec` and `align`.
     """
-    count, frames = videos.shape[:2]
-    flat = videos.flatten(0, 1)
-    features = model.encode(flat)
+    count = len(videos)
+    features = model.encode(videos.flatten(0, 1)).unflatten(0, (count, -1))
     context = model.encode_context(contexts)
-    z1 = features.unflatten(0, (count, frames))
-    decoded = model.decode(features, context)
+    translated = [
+        model.translate(features[source].flatten(0, 1), context).unflatten(0, (count, -1)) for source in sources
+    ]
+    # One call of Dec for reconstructions and translations: the context's skips are convolved once for all of them.
+    decoded = model.decode(torch.cat([features, *translated], dim=1).flatten(0, 1), context)
+    reconstruction, *translations = decoded.unflatten(0, (count, -1)).split(videos.shape[1], dim=1)
     weights = None
     if motion_weight:
-        moved = (videos - contexts[:, None]).abs().amax(dim=2, keepdim=True) > 0.1
-        weights = 1.0 + motion_weight * moved.flatten(0, 1)
+        weights = 1.0 + motion_weight * ((videos - contexts[:, None]).abs().amax(dim=2, keepdim=True) > 0.1)
 
-    def squared(difference: Tensor) -> Tensor:
-        squares = difference.square()
-        return (squares if weights is None else squares * weights).sum() / len(flat)
+    n = count * videos.shape[1]
 
-    rec = squared(decoded - flat)
-    trans = align = flat.new_zeros(())
-    for source in sources:
-        z3 = model.translate(z1[source].flatten(0, 1), context)
-        align = align + (z3 - features).square().sum() / len(flat)
-        trans = trans + squared(model.decode(z3, context) - flat)
+    def squared(images: Tensor) -> Tensor:
+        squares = (images - videos).square()
+        return (squares if weights is None else squares * weights).sum() / n
+
     pairings = max(len(sources), 1)
-    return {"trans": trans / pairings, "rec": rec, "align": align / pairings}
+    zero = videos.new_zeros(())
+    return {
+        "trans": sum(map(squared, translations), zero) / pairings,
+        "rec": squared(reconstruction),
+        "align": sum(((z3 - features).square().sum() / n for z3 in translated), zero) / pairings,
+    }

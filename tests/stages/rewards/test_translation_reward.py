@@ -21,7 +21,7 @@ def scene():
     task = Reach()
     context = task.draw_contexts(np.random.default_rng(0), 1, DISTRIBUTIONS["paper"])
     qpos = context["initial_qpos"] + np.linspace(0, 1, task.frames)[:, None] * np.array([1.0, -0.5, 0.5])
-    pool = RenderPool(task.build().to_xml_string(), *task.frame_size, 1)
+    pool = RenderPool.of(task, 1)
     frames = pool.render(task.model_fields(context), qpos[None])[0]
     yield task, context, qpos, frames, pool
     pool.close()

@@ -78,7 +78,7 @@ def test_goals_are_reachable(draw):
     goals = np.linalg.norm(draw("paper", N)["goal"], axis=1)
     elbows = np.stack(np.meshgrid(*[np.linspace(*reach.ELBOW_RANGE, 60)] * 2), axis=-1).reshape(-1, 2)
     qpos = np.concatenate([np.zeros((len(elbows), 1)), elbows], axis=1)
-    radii = np.sort(np.linalg.norm(reach.hand_position(qpos), axis=1))
+    radii = np.sort(np.linalg.norm(reach.ARM.hand(qpos), axis=1))
     within = radii[(radii > goals.min() - 0.05) & (radii < goals.max() + 0.05)]
     assert within[0] < goals.min()
     assert within[-1] > goals.max()
@@ -88,7 +88,7 @@ def test_goals_are_reachable(draw):
 def test_goals_are_away_from_where_the_hand_starts(task, draw):
     contexts = draw("paper", N)
     for qpos, _ in (task.context_state(contexts), task.draw_states(np.random.default_rng(0), contexts)):
-        assert np.linalg.norm(reach.hand_position(qpos) - contexts["goal"], axis=1).min() > 0.3
+        assert np.linalg.norm(reach.ARM.hand(qpos) - contexts["goal"], axis=1).min() > 0.3
 
 
 def test_hand_position_agrees_with_the_model(task):
@@ -96,7 +96,7 @@ def test_hand_position_agrees_with_the_model(task):
 
     qpos = np.random.default_rng(0).uniform(-0.3, 2.6, (20, 3))
     state = BatchSimulation(task, len(qpos)).reset(qpos, np.zeros_like(qpos))
-    np.testing.assert_allclose(state.site_xpos[:, 0, :2], reach.hand_position(qpos), atol=1e-12)
+    np.testing.assert_allclose(state.site_xpos[:, 0, :2], reach.ARM.hand(qpos), atol=1e-12)
 
 
 def test_distractors_reach_into_the_workspace_but_not_over_the_goal(draw):

@@ -41,10 +41,9 @@ def test_frames_do_not_depend_on_the_number_of_processes(task, draw):
     contexts = draw("paper", 13)
     qpos = np.random.default_rng(0).uniform(-0.3, 2.6, (13, task.frames, 3))
     fields = task.model_fields(contexts)
-    xml = task.build().to_xml_string()
     drawn = []
     for workers in (1, 2):
-        with RenderPool(xml, *task.frame_size, workers=workers) as pool:
+        with RenderPool.of(task, workers=workers) as pool:
             drawn += [pool.render(fields, qpos), pool.render(fields, qpos)]
     for other in drawn[1:]:
         assert np.array_equal(drawn[0], other)
@@ -137,7 +136,7 @@ def main():
     qpos = np.repeat(task.context_state(contexts)[0][:, None], 25, axis=1)
     env = suite.load("reach", seed=0, pixels=True)
     env.reset()
-    with RenderPool(task.build().to_xml_string(), 48, 48, workers=2) as pool:
+    with RenderPool.of(task, workers=2) as pool:
         pool.render(fields, qpos)
     renderer = TileRenderer(task.model, 48, 48)
     renderer.render(fields, qpos)
