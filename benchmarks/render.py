@@ -2,14 +2,14 @@
 
     python benchmarks/render.py
 
-dm_control is measured at three qualities: equal to the pool's; MuJoCo's default (multisampling, fine meshes) on the
-task's own scene, whose headlight casts no shadows; and the default on the same scene with a light that does, as scenes
-of dm_control's suite have: the pool draws that scene, too, for the comparison. All draw the same contexts and postures
-at 48x48, in turns, in the same run; the figures are medians over the turns. Prints one line of JSON.
+dm_control is measured at two qualities: equal to the pool's, and MuJoCo's default (shadows, multisampling, fine meshes).
+Both draw the same contexts and postures of an episode, in turns, in the same run, at the task's frame size; the figures
+are medians over the turns. Prints one line of JSON.
 """
 
 from __future__ import annotations
 
+import copy
 import json
 import statistics
 import time
@@ -18,46 +18,46 @@ from functools import partial
 
 import numpy as np
 
+from stages.configs import TASKS
 from stages.run import pick_workers
 from stages.simulation.gl import choose_backend
 
-TASK = "reach"
 TURNS = 5
 POOL_VIDEOS = 240
-DM_CONTROL_VIDEOS = {"equal": 16, "default": 4, "shadows": 1}
-BATCH = {"equal": "batch_fps", "default": "batch_fps", "shadows": "batch_lit_fps"}
+DM_CONTROL_VIDEOS = {"equal": 16, "default": 1}
 MUJOCO_DEFAULTS = {"offsamples": 4, "shadowsize": 4096, "numslices": 28, "numstacks": 16, "numquads": 4}
 
 
 def main() -> None:
     choose_backend()
+    workers = pick_workers(0)
+    result = {"benchmark": "render", "workers": workers}
+    for task in TASKS:
+        result |= {f"{task}_{name}": round(value, 1) for name, value in measure(task, workers).items()}
+    print(json.dumps(result))
+
+
+def measure(task_name: str, workers: int) -> dict[str, float]:
+    """Frames a second of one task, and the ratios."""
     from stages.seeding import generator
     from stages.simulation.batch import rollout
     from stages.simulation.contexts import DISTRIBUTIONS
     from stages.simulation.render import RenderPool
     from stages.simulation.tasks import make_task
 
-    task = make_task(TASK)
+    task = make_task(task_name)
     rng = generator(0, "benchmark")
     contexts = task.draw_contexts(rng, POOL_VIDEOS, DISTRIBUTIONS["paper"])
     states = task.draw_states(rng, contexts)
     wanted = rng.uniform(-1.0, 1.0, (POOL_VIDEOS, task.action_size))
     qpos = rollout(task, contexts, *states, lambda state, where: wanted).frame_qpos(task)
     fields = task.model_fields(contexts)
-
-    workers = pick_workers(0)
-    physics = {quality: dm_control_physics(task.build(), quality) for quality in DM_CONTROL_VIDEOS}
-    with (
-        RenderPool(task.build().to_xml_string(), *task.frame_size, workers=workers) as pool,
-        RenderPool(lit(task.build()).to_xml_string(), *task.frame_size, workers=workers) as lit_pool,
-    ):
+    physics = {quality: dm_control_physics(task, quality) for quality in DM_CONTROL_VIDEOS}
+    with RenderPool.of(task, workers) as pool:
         runs: dict[str, Callable[[], float]] = {
             "batch_fps": lambda: rate(lambda: pool.render(fields, qpos), qpos.shape[0] * qpos.shape[1]),
-            "batch_lit_fps": lambda: rate(lambda: lit_pool.render(fields, qpos), qpos.shape[0] * qpos.shape[1]),
             **{
-                f"dm_control_{quality}_fps": partial(
-                    dm_control_rate, physics[quality], fields, qpos[:n], task.frame_size
-                )
+                f"dm_control_{quality}_fps": partial(dm_control_rate, physics[quality], fields, qpos[:n], task)
                 for quality, n in DM_CONTROL_VIDEOS.items()
             },
         }
@@ -69,36 +69,23 @@ def main() -> None:
                 turns[name].append(run())
     for each in physics.values():
         each.free()
-
     fps = {name: statistics.median(values) for name, values in turns.items()}
-    result = {
-        "benchmark": "render",
-        "workers": workers,
-        **{name: round(value, 1) for name, value in fps.items()},
-        **{
-            f"ratio_{quality}": round(fps[BATCH[quality]] / fps[f"dm_control_{quality}_fps"], 1)
-            for quality in DM_CONTROL_VIDEOS
-        },
-    }
-    print(json.dumps(result))
+    ratios = {f"ratio_{quality}": fps["batch_fps"] / fps[f"dm_control_{quality}_fps"] for quality in DM_CONTROL_VIDEOS}
+    return fps | ratios
 
 
-def dm_control_physics(root, quality: str):
-    """dm_control's physics of an MJCF model at `quality`, with MuJoCo's default framebuffer."""
+def dm_control_physics(task, quality: str):
+    """dm_control's physics of the task at `quality`, with MuJoCo's default framebuffer."""
+    from dm_control.mujoco import wrapper
+
     from stages.simulation.suite import Physics
 
-    if quality != "equal":
-        root.visual.quality.set_attributes(**MUJOCO_DEFAULTS)
-    if quality == "shadows":
-        lit(root)
-    getattr(root.visual, "global").set_attributes(offwidth=640, offheight=480)
-    return Physics.from_xml_string(root.to_xml_string(), root.get_assets())
-
-
-def lit(root):
-    """The scene with a light that casts shadows where the quality has any."""
-    root.worldbody.add("light", name="light", pos=(0, 0, 4))
-    return root
+    model = copy.copy(task.model)
+    if quality == "default":
+        for name, value in MUJOCO_DEFAULTS.items():
+            setattr(model.vis.quality, name, value)
+    model.vis.global_.offwidth, model.vis.global_.offheight = 640, 480
+    return Physics.from_model(wrapper.MjModel(model))
 
 
 def rate(draw: Callable[[], object], frames: int) -> float:
@@ -108,7 +95,7 @@ def rate(draw: Callable[[], object], frames: int) -> float:
     return frames / (time.perf_counter() - start)
 
 
-def dm_control_rate(physics, fields: dict[str, np.ndarray], qpos: np.ndarray, size: tuple[int, int]) -> float:
+def dm_control_rate(physics, fields: dict[str, np.ndarray], qpos: np.ndarray, task) -> float:
     """Frames a second of dm_control over videos (V, T, nq), a call of `render` for each frame."""
     from dm_control import mujoco
 
@@ -119,7 +106,7 @@ def dm_control_rate(physics, fields: dict[str, np.ndarray], qpos: np.ndarray, si
             for position in positions:
                 physics.data.qpos[:] = position
                 physics.forward()
-                mujoco.Physics.render(physics, *size, camera_id="context")
+                mujoco.Physics.render(physics, *task.frame_size, camera_id=task.camera)
 
     return rate(draw, qpos.shape[0] * qpos.shape[1])
 

@@ -111,6 +111,8 @@ class TranslateConfig:
 class PolicyConfig(LearnerConfig):
     """Learning a policy in the learner's context (Sec. V)."""
 
+    # Wide at first: with 0.6 in place of 1.6 some runs settle in a posture that hides the arm, and never leave it.
+    log_std: float = option(0.5, "Initial log standard deviation of the actions.")
     reward: str = option("translation", "Reward: the paper's, the true distance, or the true expert video.", REWARDS)
     without: tuple[str, ...] = option((), "Switch a term of the reward off (repeatable).", REWARD_TERMS)
     image_weight: float = option(1.0, "w_rec, weight of R_img beside R_feat, both scaled to order one.", low=0)
