@@ -184,6 +184,7 @@ PRESETS: dict[str, dict[str, Any]] = {
 _SUITE = {"learner": "sac", "hidden": 128, "discount": 0.99, "test_contexts": 50, "test_episodes": 4}
 TASK_DEFAULTS: dict[str, dict[str, dict[str, dict[str, Any]]]] = {
     "push": {"*": {"train-expert": {"iterations": 150}}},
+    "sweep": {"*": {"train-expert": {"iterations": 100}}},
     "strike": {"*": {"train-expert": {"iterations": 200}}},
     "dm:": {
         "*": {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,10 +20,14 @@ from artifacts import (
     write_artifact,
     write_mp4,
 )
+from artifacts.atomic import write_bytes
 from stages.configs import TranslateConfig
 from stages.run import RunOptions, StageResult, environment, full_config, pick_device, pick_workers
 from stages.seeding import generator
 from stages.simulation.contexts import Contexts
+
+if TYPE_CHECKING:
+    from stages.rewards.quality import Quality
 
 SHOWN = 4  # demonstrations in the MP4 grid
 CHUNK = 16  # demonstrations translated at a time
@@ -38,6 +42,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     """
     import torch
 
+    from stages.rewards.quality import plot_quality
     from stages.rewards.translation import motion
     from stages.simulation.gl import choose_backend
     from stages.threads import use_threads
@@ -52,10 +57,10 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     where = Path(config.context_image).stem if config.context_image else f"c{config.context_seed}"
     out = run.out or default_path(source.path.parent, f"{stem_of(source.path)}-{where}", "translation")
     if config.context_image:
-        contexts, frame, truth = None, _read_context(config.context_image, tuple(source.config["size"])), None
+        contexts, frame, expert = None, _read_context(config.context_image, tuple(source.config["size"])), None
     else:
         choose_backend()
-        contexts, frame, truth = _simulate_context(config, demos, run)
+        contexts, frame, expert = _simulate_context(config, demos, run)
 
     count, held_out = source.config["demonstrations"], source.config["held_out_demonstrations"]
     candidates = np.arange(0 if config.split == "all" else count - held_out, count)
@@ -92,13 +97,23 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     metrics: dict[str, float] = {}
     if contexts is not None:
         arrays |= {f"contexts/{name}": values for name, values in contexts.items()}
-    if truth is not None:
-        arrays |= _truth(model, truth, device, arrays, metrics)
+    truth = None
+    if contexts is not None and expert is not None:
+        truth, quality = _judge(demos.config["task"], contexts, expert, model, arrays, run, device)
+        truth_arrays = _truth(model, truth, device, arrays, metrics)
+        arrays |= truth_arrays | {f"quality/{name}": values for name, values in quality.curves.items()}
+        metrics |= quality.metrics
         run.progress.say(
             f"mean translation against the expert's video in this context: {metrics['psnr']:.2f} dB PSNR (copying the "
             f"context: {metrics['copy_psnr']:.2f}), error {metrics['image_ratio']:.2f} of copying it in pixels, "
             f"{metrics['feature_ratio']:.2f} of the features' own motion in features (below 1 leads the right way)"
         )
+        run.progress.say(
+            "reward against true progress, Kendall's tau: "
+            + ", ".join(f"{metrics[f'tau_{kind}']:.2f} ({kind})" for kind in ("expert", "noisy", "random"))
+            + f"; returns against final distances: {metrics['tau_returns']:.2f}"
+        )
+        write_bytes(sibling(out, ".png"), plot_quality(quality))
     described = full_config("translate", config, run, task=source.config.get("task"))
     described["contexts"] = "" if config.context_image else config.contexts or demos.config["contexts"]
     mean = np.clip(arrays["target_images"], 0, 255).round().astype(np.uint8)
@@ -134,9 +149,8 @@ def _read_context(path: str, size: tuple[int, ...]) -> np.ndarray:
 
 def _simulate_context(
     config: TranslateConfig, demos: Artifact, run: RunOptions
-) -> tuple[Contexts, np.ndarray, np.ndarray | None]:
-    """The learner's context (leading axis 1), its first frame, and the expert's video (T, H, W, 3) in it if known."""
-    from stages.collect_demos import expert_video
+) -> tuple[Contexts, np.ndarray, Path | None]:
+    """The learner's context (leading axis 1), its first frame, and the demonstrations' expert if it is at hand."""
     from stages.simulation.render import RenderPool
     from stages.simulation.tasks import distribution, make_task
 
@@ -144,14 +158,51 @@ def _simulate_context(
     drawn_from = distribution(config.contexts or demos.config["contexts"], config.vary or demos.config.get("vary", ""))
     contexts = learner_context(task, config.context_seed, drawn_from)
     with RenderPool.of(task, 1) as pool:
-        start = task.context_state(contexts)[0]
-        frame = pool.render(task.model_fields(contexts), start[None])[0, 0]
-        try:
-            expert = demos.parent("expert", check=True)
-        except ArtifactError as error:
-            run.progress.say(f"the expert's own video here is not known, and nothing is compared with it ({error})")
-            return contexts, frame, None
-        return contexts, frame, expert_video(task, expert.path, contexts, pool)[0]
+        frame = pool.render(task.model_fields(contexts), task.context_state(contexts)[0][None])[0, 0]
+    try:
+        return contexts, frame, demos.parent("expert", check=True).path
+    except ArtifactError as error:
+        run.progress.say(f"the expert's own video here is not known, and nothing is compared with it ({error})")
+        return contexts, frame, None
+
+
+def _judge(
+    task_name: str,
+    contexts: Contexts,
+    expert: Path,
+    model: Any,
+    arrays: dict[str, np.ndarray],
+    run: RunOptions,
+    device: str,
+) -> tuple[np.ndarray, Quality]:
+    """The expert's own video (T, H, W, 3) in the learner's context, and how the reward ranks what is done there."""
+    import torch
+
+    from stages.collect_demos import expert_video
+    from stages.learners.policy import Policy
+    from stages.rewards.quality import reward_quality
+    from stages.rewards.translation import TrackingTarget
+    from stages.simulation.render import RenderPool
+    from stages.simulation.tasks import make_task
+    from stages.train_expert import load_expert
+
+    task = make_task(task_name)
+    policy = Policy.load(load_expert(expert, task_name))
+    images = torch.from_numpy(arrays["target_images"]).movedim(-1, 1) / 127.5 - 1
+    features = torch.from_numpy(arrays["target_features"])
+    scales = float(arrays["feature_scale"]), float(arrays["image_scale"])
+    with RenderPool.of(task, 1) as pool:
+        quality = reward_quality(
+            task,
+            contexts,
+            lambda state, where: policy.act(task.observe_expert(state, where)),
+            model,
+            TrackingTarget(features.to(device), images.to(device), *scales),
+            pool,
+            generator(run.seed, "reward-quality"),
+            device,
+        )
+        return expert_video(task, expert, contexts, pool)[0], quality
 
 
 def learner_context(task, context_seed: int, drawn_from) -> Contexts:

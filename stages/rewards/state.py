@@ -51,11 +51,12 @@ class OracleReward(StateReward):
         self._distances: list[np.ndarray] = []
 
     def reward(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
+        distance = self._task.distance(state, contexts)
         if step == 1:
-            self._distances = []
-        self._distances.append(self._task.distance(state, contexts))
+            # The start itself is not seen here: one control step later stands for it.
+            self._distances = [distance]
+        self._distances.append(distance)
         if step < self._task.control_steps:
             return np.zeros(len(state.qpos))
-        # The start itself is not among them: the scale is that of one control step later.
         initial, final = self._task.outcome(np.stack(self._distances, axis=1))
         return -final / initial

@@ -61,11 +61,13 @@ class Rollout:
 
     Attributes:
         qpos: Joint positions (n, control_steps + 1, nq).
+        distance: Distance to the goal at every control step (n, control_steps + 1), metres.
         initial_distance: Distance to the goal at the start (n,), metres.
         final_distance: Distance to the goal at the end (n,), metres.
     """
 
     qpos: np.ndarray
+    distance: np.ndarray
     initial_distance: np.ndarray
     final_distance: np.ndarray
 
@@ -102,4 +104,4 @@ def rollout(
         state = simulation.step(act(state, contexts))
         states.append(state)
     distances = np.stack([task.distance(s, contexts) for s in states], axis=1)
-    return Rollout(np.stack([s.qpos for s in states], axis=1), *task.outcome(distances))
+    return Rollout(np.stack([s.qpos for s in states], axis=1), distances, *task.outcome(distances))

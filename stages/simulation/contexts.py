@@ -72,7 +72,7 @@ def draw_camera(
         distance: The task's own distance, metres.
     """
 
-    # Every factor is drawn, whether it varies or not: what one shows does not hang on whether another varies.
+    # All three are drawn, whether they vary or not: what one shows does not hang on whether another varies.
     azimuth = rng.uniform(*distribution.azimuth, n)
     elevations = rng.uniform(*distribution.elevation, n)
     distances = distance * rng.uniform(*distribution.distance, n)

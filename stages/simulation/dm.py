@@ -1,10 +1,14 @@
 """Any task of dm_control's suite as a task of this package: `dm:reacher-easy`, `dm:finger-turn_hard` and so on.
 
 The physics are the suite's own model, stepped in the batch. Observations for the expert and rewards are the suite's
-own code, run on one dm_control physics that each simulation's state is written into in turn: right for every domain,
-at a few thousand evaluations a second. A context varies the camera (turned about the vertical through what it
-looks at) and the colours of all materials but the target's; where the suite puts the target is part of it, too.
-The distance is 1 - return / 1000: the share of the episode's possible reward that was missed.
+own code, run on one dm_control physics that each simulation's state is written into in turn, a few thousand times a
+second. Sensors of touch and force therefore speak of the state itself, where dm_control shows what they read inside the
+last physics step. Tasks whose physics change from episode to episode, whose actuators have a state of their own (dog,
+quadruped) or whose actions are not bounded by one (lqr) are refused.
+
+A context varies the camera (turned about the vertical through what it looks at) and the colours of all materials but
+the target's; where the suite puts the target is part of it, too. The distance is 1 - return / 1000: the share of the
+episode's possible reward that was missed.
 """
 
 from __future__ import annotations
@@ -29,7 +33,17 @@ FRAMES = 25
 JOINT_NOISE = 0.02  # radians or metres, half-width of the noise on hinges and slides in a given context
 CAMERA = 0
 # Fields in which the suite's tasks write down what they drew for an episode.
-DRAWN_FIELDS = ("body_pos", "body_quat", "geom_pos", "geom_size", "site_pos", "site_size")
+DRAWN_FIELDS = (
+    "body_pos",
+    "body_quat",
+    "geom_pos",
+    "geom_size",
+    "geom_rgba",
+    "site_pos",
+    "site_size",
+    "site_rgba",
+    "light_pos",
+)
 COLOUR_GAP = 0.35
 
 
@@ -58,7 +72,45 @@ class DmTask(Task):
         self.name = name
         self._env = suite.load(domain, task, task_kwargs={"random": 0})
         self.substeps = round(self._env.control_timestep() / self._env.physics.timestep())
+        self._refuse_what_the_batch_cannot()
         self._seen: tuple[State, Contexts, np.ndarray, np.ndarray] | None = None
+
+    def _refuse_what_the_batch_cannot(self) -> None:
+        """Raise UsageError where the batch's physics would not be the suite's.
+
+        Leaves the suite's model as an episode of seed 0 has it: what a task sets in every episode is set here, too.
+        """
+        physics, task = self._env.physics, self._env.task
+        model = physics.model.ptr
+        if model.na:
+            raise UsageError(f"{self.name}: its actuators have a state of their own, which is not simulated here")
+        if not (model.actuator_ctrllimited.all() and (model.actuator_ctrlrange == [-1, 1]).all()):
+            raise UsageError(f"{self.name}: expected actions between -1 and 1, as most of the suite's tasks have")
+        names = [name for name in dir(model) if isinstance(getattr(model, name, None), np.ndarray)]
+        seen = []
+        for seed in (2, 1, 0):
+            task._random = np.random.RandomState(seed)
+            with physics.reset_context():
+                task.initialize_episode(physics)
+            seen.append({name: np.array(getattr(model, name)) for name in names})
+        for name in names:
+            differ = np.not_equal(seen[0][name], seen[1][name]) | np.not_equal(seen[1][name], seen[2][name])
+            if np.any(differ) and not self._harmless(name, np.asarray(differ)):
+                raise UsageError(f"{self.name}: its episodes differ in the physics ({name}), which the batch shares")
+
+    def _harmless(self, name: str, differ: np.ndarray) -> bool:
+        """Whether what differs between episodes, a mask over a field of the model, touches nothing that moves."""
+        import mujoco
+
+        model = self._env.physics.model.ptr
+        contacts = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT
+        touches = np.asarray((model.geom_contype != 0) | (model.geom_conaffinity != 0)) & contacts
+        which: np.ndarray = np.atleast_1d(differ.reshape(len(differ), -1).any(axis=1))
+        if name.startswith("body_"):
+            return name in DRAWN_FIELDS and not touches[which[model.geom_bodyid]].any()
+        if name in ("geom_pos", "geom_size"):
+            return not touches[which].any()
+        return name in DRAWN_FIELDS
 
     def build(self) -> mjcf.RootElement:
         """Not an MJCF tree of ours.
@@ -203,7 +255,7 @@ class DmTask(Task):
 
     def outcome(self, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """One, and 1 - return / 1000."""
-        return np.ones(len(distance)), distance[:, 1:].mean(axis=1)
+        return np.ones(len(distance)), distance[:, 1:].mean(axis=1) if distance.shape[1] > 1 else distance[:, 0]
 
     def _evaluate(self, state: State, contexts: Contexts) -> tuple[np.ndarray, np.ndarray]:
         """The suite's observations (n, D) and rewards (n,); kept until another state is asked for."""

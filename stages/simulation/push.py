@@ -28,6 +28,7 @@ from stages.simulation.scene import (
     add_distractors,
     add_goal,
     add_object,
+    add_rim,
     add_table,
     make_scene,
 )
@@ -51,6 +52,7 @@ INITIAL_NOISE = 0.1  # radians, half-width of the uniform noise on the initial j
 CYLINDER_RANGE, CYLINDER_ANGLE = (0.5, 0.9), (-0.3 * np.pi, 0.5 * np.pi)
 GOAL_RANGE, GOAL_ANGLE = (0.45, 1.1), (-0.3 * np.pi, 0.7 * np.pi)
 LEAST_PUSH = 0.45  # metres from cylinder to goal
+START_CLEARANCE = 0.03  # metres at least between the cylinder and the arm at the start
 BASE_CLEARANCE = 0.35  # metres between the cylinder's way and the arm's base
 
 WHITE = np.array([1.0, 1.0, 1.0])
@@ -74,6 +76,7 @@ class Push(Task):
     def build(self) -> mjcf.RootElement:
         root = make_scene(self.name)
         add_table(root, TABLE_HALF_SIZE, rgba=(*CANONICAL_TABLE, 1), **NOTHING)
+        add_rim(root, TABLE_HALF_SIZE, (0.3, 0.27, 0.24, 1))
         add_distractors(root, DISTRACTOR_RADIUS, **NOTHING)
         add_goal(root, GOAL_RADIUS, **NOTHING)
         link = PUSHER.build(root, rgba=(*CANONICAL_ARM, 1), **ARM)
@@ -176,14 +179,31 @@ def _can_point(hand: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return (away < 1.95 * LINK_LENGTH) & (elbow < ELBOW_RANGE[1] - 0.1) & (np.abs(bend) < WRIST_RANGE[1] - 0.1)
 
 
+def _starting_arm() -> np.ndarray:
+    """Points (m, 2) along the links and fingers, wherever the initial noise may put them."""
+    corners = np.stack(np.meshgrid(*[(-INITIAL_NOISE, 0.0, INITIAL_NOISE)] * 3), axis=-1).reshape(-1, 3)
+    angles = np.cumsum(NOMINAL_QPOS + corners, axis=1)
+    directions = LINK_LENGTH * np.stack([np.cos(angles), np.sin(angles)], axis=2)
+    ends = np.cumsum(directions, axis=1)
+    along = np.linspace(0.0, 1.0, 9)[:, None]
+    points = [ends[:, k, None] - along * directions[:, k, None] for k in range(3)]
+    for side in (1, -1):
+        bend = angles[:, 2] + side * np.arctan2(FORK_HALF_WIDTH, FORK_LENGTH)
+        finger = np.hypot(FORK_LENGTH, FORK_HALF_WIDTH) * np.stack([np.cos(bend), np.sin(bend)], axis=1)
+        points.append(ends[:, 2, None] + along * finger[:, None])
+    return np.concatenate([each.reshape(-1, 2) for each in points])
+
+
 def _draw_places(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Cylinders and goals (n, 2) such that the one can be pushed to the other."""
+    from scipy.spatial import cKDTree
 
     def draw(m: int, radii: tuple[float, float], angles: tuple[float, float]) -> np.ndarray:
         radius, angle = rng.uniform(*radii, m), rng.uniform(*angles, m)
         return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
 
     cylinder, goal = np.empty((n, 2)), np.empty((n, 2))
+    arm = cKDTree(_starting_arm())
     wrong = np.ones(n, bool)
     while wrong.any():
         m = int(wrong.sum())
@@ -195,4 +215,5 @@ def _draw_places(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarr
         wrong = (length[:, 0] < LEAST_PUSH) | (np.linalg.norm(cylinder + along * direction, axis=1) < BASE_CLEARANCE)
         wrong |= ~_can_point(cylinder - (HAND_TO_CYLINDER + APPROACH) * direction, direction)
         wrong |= ~_can_point(goal - HAND_TO_CYLINDER * direction, direction)
+        wrong |= arm.query(cylinder)[0] < CYLINDER_RADIUS + PUSHER.radius + START_CLEARANCE
     return cylinder, goal

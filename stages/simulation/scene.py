@@ -22,9 +22,11 @@ HIDDEN_GROUP = 4  # geoms of this group collide but are not drawn
 
 # Who collides with whom: arms with objects, objects with each other and with walls; arms with nothing else.
 NOTHING = {"contype": 0, "conaffinity": 0}
-ARM = {"contype": 1, "conaffinity": 0, "condim": 1}
-OBJECT = {"contype": 2, "conaffinity": 3, "condim": 1}
-WALL = {"contype": 2, "conaffinity": 0, "condim": 1}
+# Harder than MuJoCo's default, so that a ball between arm and wall sinks less into either.
+HARD = {"condim": 1, "solimp": (0.95, 0.99, 0.001)}
+ARM = {"contype": 1, "conaffinity": 0, **HARD}
+OBJECT = {"contype": 2, "conaffinity": 3, **HARD}
+WALL = {"contype": 2, "conaffinity": 0, **HARD}
 
 
 @dataclass(frozen=True)

@@ -208,4 +208,5 @@ def load(
 
 def frame(physics: mujoco.Physics, task: Task) -> np.ndarray:
     """The frame (H, W, 3), uint8 RGB, that the task's camera sees: what the batch renderer draws."""
-    return physics.render(*task.frame_size, camera_id=task.camera)
+    # As the batch draws: a few scenes of the suite have mirrors for floors.
+    return physics.render(*task.frame_size, camera_id=task.camera, render_flag_overrides={"reflection": False})

@@ -24,10 +24,10 @@ BASE = (-1.05, 0.0)
 SWEEPER = Arm((0.8, 0.8, 0.8), BASE, limits=((-0.6, 2.4), (-2.6, 0.3), (-1.5, 2.0)), radius=0.07, mass=0.3)
 NOMINAL_QPOS = np.array([1.54, -1.79, 0.25])  # radians
 INITIAL_NOISE = 0.05  # radians, half-width of the uniform noise on the initial joint angles
-BALLS = np.array([[-0.05, 0.22], [0.12, 0.06], [0.28, 0.24], [0.42, 0.04], [0.12, 0.36]])
-BALL_NOISE = 0.03  # metres, half-width of the uniform noise on where balls start
+BALLS = np.array([[-0.12, 0.2], [0.14, 0.2], [0.4, 0.2], [0.0, -0.05], [0.26, -0.05]])
+BALL_NOISE = 0.02  # metres, half-width of the uniform noise on where balls start
 
-PAN_LOW, PAN_HIGH = np.array([-0.3, -0.95]), np.array([0.65, -0.4])  # corners of the inside; open at its top
+PAN_LOW, PAN_HIGH = np.array([0.35, -0.95]), np.array([1.0, -0.4])  # corners of the inside; open at its top
 PAN_WALL = 0.03  # half of a wall's thickness, metres
 PAN_HEIGHT = 0.12
 

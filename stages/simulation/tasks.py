@@ -45,7 +45,8 @@ def make_task(name: str, typed: bool = False) -> Task:
             return _made(name, entry.load)
     if ":" not in name:
         raise UsageError(f"task {name!r}: expected one of {', '.join(tasks)}, dm:DOMAIN-TASK, or MODULE:ATTR")
-    if not typed and name not in os.environ.get(TRUSTED, "").split(","):
+    trusted = {word.strip() for word in os.environ.get(TRUSTED, "").split(",")}
+    if not typed and name not in trusted:
         raise UsageError(
             f"task {name!r} is code that the file names, and code is not run for being named by a file: if you trust "
             f"it, export {TRUSTED}={name}"
@@ -66,11 +67,11 @@ def _made(name: str, load: Callable[[], object]) -> Task:
     """
     try:
         made = load()
-    except (ImportError, AttributeError, ValueError) as error:
+        task = made() if callable(made) else made
+    except (ImportError, AttributeError, ValueError, TypeError) as error:
         raise UsageError(
             f"task {name!r} cannot be imported ({error}): is its module installed or on PYTHONPATH?"
         ) from error
-    task = made() if callable(made) else made
     if not isinstance(task, Task):
         raise UsageError(f"task {name!r} is a {type(task).__name__}, expected a stages.simulation.task.Task")
     task.name = name  # What later stages find it by.

@@ -1,5 +1,7 @@
 """The reward is Sec. V.A's, scaled to order one."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -27,6 +29,13 @@ def scene():
     pool.close()
 
 
+def at_rest(qpos):
+    """A state whose joints are at qpos (n, 3); the hand's place does not matter here."""
+    n = len(qpos)
+    zeros = np.zeros_like(qpos)
+    return State(qpos=qpos, qvel=zeros, site_xpos=np.zeros((n, 1, 3)), time=np.zeros(n), ctrl=zeros)
+
+
 def make(scene, **options):
     task, context, _, frames, pool = scene
     with torch.random.fork_rng():
@@ -43,7 +52,7 @@ def episode(reward, task, qpos):
     got = []
     for step in range(1, task.control_steps + 1):
         at = qpos[min(step // task.frame_every, task.frames - 1)]
-        state = State(np.tile(at, (2, 1)), np.zeros((2, 3)), np.zeros((2, 1, 3)), np.zeros(2))
+        state = at_rest(np.tile(at, (2, 1)))
         got.append(reward(step, state, np.zeros((2, 3)), {}))
     return np.stack(got)
 
@@ -64,7 +73,7 @@ def test_following_the_target_returns_nothing_and_standing_still_minus_one_a_ter
 def test_reward_equals_its_definition_at_one_frame(scene):
     _, _, qpos, frames, _ = scene
     reward, model, target = make(scene, image_weight=0.25)
-    state = State(qpos[None, 3], np.zeros((1, 3)), np.zeros((1, 1, 3)), np.zeros(1))
+    state = at_rest(qpos[None, 3])
     got = reward(20, state, np.zeros((1, 3)), {})  # frame 10, while the arm is where the target was at frame 3
     image = to_images(torch.from_numpy(frames[3]))
     feat = (model.encode(image[None])[0] - target.features[10]).square().sum() / target.feature_scale
@@ -107,7 +116,7 @@ def test_the_oracle_rewards_the_final_distance_alone():
     goal = np.concatenate([contexts["goal"], np.zeros((3, 1))], axis=1)[:, None]
 
     def at(offset):
-        return State(np.zeros((3, 3)), np.zeros((3, 3)), goal + np.array([offset, 0, 0]), np.zeros(3))
+        return dataclasses.replace(at_rest(np.zeros((3, 3))), site_xpos=goal + np.array([offset, 0, 0]))
 
     np.testing.assert_array_equal(reward(1, at(0.8), np.zeros((3, 3)), contexts), 0.0)
     np.testing.assert_array_equal(reward(49, at(0.5), np.zeros((3, 3)), contexts), 0.0)

@@ -1,19 +1,23 @@
-"""A task, and contexts of it."""
+"""The paper's tasks, and contexts of them."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from stages.configs import TASKS
 from stages.simulation.tasks import distribution, make_task
 
 
-@pytest.fixture(scope="session", params=["reach"])
+@pytest.fixture(scope="session", params=TASKS)
 def task(request):
+    """Each of the tasks in turn; a module about one of them overrides this."""
     return make_task(request.param)
 
 
 @pytest.fixture
 def draw(task):
-    """A function (distribution's name, n, seed) -> contexts."""
-    return lambda name, n=1, seed=0: task.draw_contexts(np.random.default_rng(seed), n, distribution(name))
+    """A function (distribution's name, n, seed, factors that vary) -> contexts."""
+    return lambda name, n=1, seed=0, vary="": task.draw_contexts(
+        np.random.default_rng(seed), n, distribution(name, vary)
+    )

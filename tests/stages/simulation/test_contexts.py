@@ -1,25 +1,34 @@
-"""What contexts vary in, and that every one of them can be solved."""
+"""What contexts vary in, in every task."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from artifacts import UsageError
-from stages.simulation import reach
-from stages.simulation.contexts import DISTRIBUTIONS, FACTORS, camera_pose, draw_colours, repeat, take
+from stages.simulation.contexts import DISTRIBUTIONS, FACTORS, RED, camera_pose, draw_colours, repeat, take
+from stages.simulation.push import WHITE
+from stages.simulation.sweep import GREY
 from stages.simulation.tasks import distribution, make_task
 
 N = 2000
 SHOWN_BY = {
-    "azimuth": ("azimuth",),
-    "colour": ("table_rgb", "arm_rgb"),
-    "distractors": ("distractor_visible",),
-    "goal": ("goal",),
-    "initial": ("initial_qpos",),
+    "azimuth": {"azimuth"},
+    "elevation": {"elevation"},
+    "distance": {"camera_distance"},
+    "colour": {"table_rgb", "arm_rgb"},
+    "distractors": {"distractor_visible"},
+    "goal": {"goal", "cylinder"},
+    "initial": {"initial_qpos", "balls"},
 }
+# What table and arm must not be taken for.
+OBJECT_COLOURS = {"reach": [RED], "push": [RED, WHITE], "sweep": [GREY], "strike": [RED, WHITE]}
+HIDDEN = ("distractor_position", "distractor_rgb")  # drawn whether there are distractors or not
+
+
+def varying(contexts) -> set[str]:
+    """Names of what differs between contexts."""
+    return {name for name, values in contexts.items() if name not in HIDDEN and (values != values[0]).any()}
 
 
 def test_paper_contexts_see_the_scene_from_all_round(draw):
@@ -36,7 +45,8 @@ def test_narrow_contexts_stay_within_40_degrees(draw):
 
 
 def test_fixed_contexts_are_all_the_same(task, draw):
-    fields = task.model_fields(draw("fixed", 20, seed=1))
+    contexts = draw("fixed", 20, seed=1)
+    fields = task.model_fields(contexts)
     for name in ("cam_pos", "cam_quat"):
         assert (fields[name] == fields[name][0]).all()
     visible = fields["geom_rgba"][:, :, 3] > 0
@@ -44,89 +54,90 @@ def test_fixed_contexts_are_all_the_same(task, draw):
     for name in ("geom_pos", "geom_rgba"):
         shown = fields[name][:, visible[0]]
         assert (shown == shown[0]).all()
-    qpos, qvel = task.context_state(draw("fixed", 20, seed=1))
+    qpos, qvel = task.context_state(contexts)
     assert (qpos == qpos[0]).all()
     assert (qvel == 0).all()
 
 
-@pytest.mark.parametrize("factor", FACTORS)
-def test_only_the_factors_asked_for_vary(task, factor):
-    only = replace(DISTRIBUTIONS["paper"], vary=frozenset({factor}))
-    contexts = task.draw_contexts(np.random.default_rng(0), 50, only)
-    varying = {name for names in SHOWN_BY.values() for name in names if (contexts[name] != contexts[name][0]).any()}
-    assert varying == set(SHOWN_BY[factor])
+def test_only_the_factors_asked_for_vary(task, draw):
+    for factor in task.factors:
+        contexts = draw("paper", 50, vary=factor)
+        assert varying(contexts) == SHOWN_BY[factor] & set(contexts)
 
 
-def test_colours_can_be_told_from_red_and_from_each_other(draw):
-    contexts = draw("paper", N)
+def test_by_default_what_the_paper_varies_varies(task, draw):
+    contexts = draw("paper", 50)
+    expected = set().union(*(SHOWN_BY[factor] for factor in task.default_factors))
+    assert varying(contexts) == expected & set(contexts)
+
+
+def test_a_factor_that_the_task_lacks_is_a_usage_error(task, draw):
+    for factor in set(FACTORS) - set(task.factors):
+        with pytest.raises(UsageError, match=f"--vary {factor}: expected factors that {task.name} has"):
+            draw("paper", vary=factor)
+
+
+def test_what_a_camera_shows_does_not_hang_on_what_else_varies(draw):
+    alone, both = draw("paper", 20, vary="azimuth"), draw("paper", 20, vary="azimuth,elevation,distance")
+    assert np.array_equal(alone["azimuth"], both["azimuth"])
+
+
+def test_elevation_and_distance_vary_within_their_ranges(draw):
+    contexts, own = draw("paper", N, vary="elevation,distance"), draw("fixed")
+    ranges = DISTRIBUTIONS["paper"]
+    for drawn, (low, high) in [
+        (contexts["elevation"], ranges.elevation),
+        (contexts["camera_distance"] / own["camera_distance"], ranges.distance),
+    ]:
+        slack = 0.02 * (high - low)
+        assert low <= drawn.min() < low + slack
+        assert high - slack < drawn.max() <= high
+
+
+def test_colours_can_be_told_from_the_objects_and_from_each_other(task, draw):
+    contexts = draw("paper", N, vary="colour")
     table, arm = contexts["table_rgb"], contexts["arm_rgb"]
-    for one, other in [(table, reach.RED), (arm, reach.RED), (table, arm)]:
-        assert np.linalg.norm(one - other, axis=1).min() >= 0.5
-    for colours in (table, arm, contexts["distractor_rgb"]):
+    for colours in (table, arm):
         assert colours.min() >= 0
         assert colours.max() <= 1
+        for other in OBJECT_COLOURS[task.name]:
+            assert np.linalg.norm(colours - other, axis=1).min() >= 0.4
+    assert np.linalg.norm(table - arm, axis=1).min() >= 0.4
 
 
+@pytest.mark.parametrize("task", ["reach", "push"], indirect=True)
 def test_distractors_can_be_told_from_red_and_from_the_table(draw):
     contexts = draw("paper", N)
     colours = contexts["distractor_rgb"]
-    assert np.linalg.norm(colours - reach.RED, axis=2).min() >= 0.4
+    assert np.linalg.norm(colours - RED, axis=2).min() >= 0.4
     assert np.linalg.norm(colours - contexts["table_rgb"][:, None], axis=2).min() >= 0.4
 
 
-def test_goals_are_reachable(draw):
-    goals = np.linalg.norm(draw("paper", N)["goal"], axis=1)
-    elbows = np.stack(np.meshgrid(*[np.linspace(*reach.ELBOW_RANGE, 60)] * 2), axis=-1).reshape(-1, 2)
-    qpos = np.concatenate([np.zeros((len(elbows), 1)), elbows], axis=1)
-    radii = np.sort(np.linalg.norm(reach.ARM.hand(qpos), axis=1))
-    within = radii[(radii > goals.min() - 0.05) & (radii < goals.max() + 0.05)]
-    assert within[0] < goals.min()
-    assert within[-1] > goals.max()
-    assert np.diff(within).max() < 0.01  # The first joint turns freely: every radius means every direction.
-
-
-def test_goals_are_away_from_where_the_hand_starts(task, draw):
-    contexts = draw("paper", N)
-    for qpos, _ in (task.context_state(contexts), task.draw_states(np.random.default_rng(0), contexts)):
-        assert np.linalg.norm(reach.ARM.hand(qpos) - contexts["goal"], axis=1).min() > 0.3
-
-
-def test_hand_position_agrees_with_the_model(task):
-    from stages.simulation.batch import BatchSimulation
-
-    qpos = np.random.default_rng(0).uniform(-0.3, 2.6, (20, 3))
-    state = BatchSimulation(task, len(qpos)).reset(qpos, np.zeros_like(qpos))
-    np.testing.assert_allclose(state.site_xpos[:, 0, :2], reach.ARM.hand(qpos), atol=1e-12)
-
-
-def test_distractors_reach_into_the_workspace_but_not_over_the_goal(draw):
-    contexts = draw("paper", N)
-    positions, goals = contexts["distractor_position"], contexts["goal"]
-    assert np.linalg.norm(positions, axis=2).max() < 3 * reach.LINK_LENGTH
-    assert (np.linalg.norm(positions, axis=2) < 0.8).mean() > 0.3
-    apart = np.linalg.norm(positions - goals[:, None], axis=2)
-    assert apart.min() >= reach.GOAL_RADIUS + reach.DISTRACTOR_RADIUS
-    visible = contexts["distractor_visible"]
+@pytest.mark.parametrize("task", ["reach", "push"], indirect=True)
+def test_each_distractor_is_there_half_of_the_time(draw):
+    visible = draw("paper", N)["distractor_visible"]
     assert 0.45 < visible.mean() < 0.55
-    assert set(visible.sum(axis=1)) == set(range(reach.N_DISTRACTORS + 1))
+    assert set(visible.sum(axis=1)) == set(range(visible.shape[1] + 1))
 
 
 def test_contexts_follow_from_the_seed(draw):
     one, same, other = draw("paper", 5, 3), draw("paper", 5, 3), draw("paper", 5, 4)
     for name in one:
         assert np.array_equal(one[name], same[name])
-    assert not np.array_equal(one["goal"], other["goal"])
+    for name in varying(one):
+        assert not np.array_equal(one[name], other[name])
 
 
 def test_the_camera_looks_at_the_origin(draw):
     from scipy.spatial.transform import Rotation
 
-    contexts = draw("paper", 50)
+    contexts = draw("paper", 50, vary="azimuth,elevation,distance")
     position, quaternion = camera_pose(contexts)
-    np.testing.assert_allclose(np.linalg.norm(position, axis=1), contexts["camera_distance"])
-    np.testing.assert_allclose(position[:, 2], 4 * np.sin(np.pi / 4))
+    distance = contexts["camera_distance"]
+    np.testing.assert_allclose(np.linalg.norm(position, axis=1), distance)
+    np.testing.assert_allclose(position[:, 2], -distance * np.sin(np.radians(contexts["elevation"])))
     forward = Rotation.from_quat(quaternion[:, [1, 2, 3, 0]]).apply([0.0, 0.0, -1.0])
-    np.testing.assert_allclose(forward, -position / 4, atol=1e-12)
+    np.testing.assert_allclose(forward, -position / distance[:, None], atol=1e-12)
 
 
 def test_take_and_repeat_keep_the_leading_axis(draw):

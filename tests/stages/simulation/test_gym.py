@@ -21,12 +21,12 @@ OPTIONS = [
 
 
 @pytest.fixture
-def make():
-    """`gymnasium.make` of reach; what it made is closed at the end."""
+def make(task):
+    """`gymnasium.make` of the task; what it made is closed at the end."""
     made = []
 
     def maker(**options):
-        made.append(gymnasium.make("ifo/Reach-v0", **options))
+        made.append(gymnasium.make(f"ifo/{task.name.capitalize()}-v0", **options))
         return made[-1]
 
     yield maker
@@ -72,7 +72,7 @@ def test_a_seed_gives_the_episodes_of_the_batch(make):
             contexts = task.draw_contexts(rng, 1, distribution("narrow"))
             qpos, _ = task.draw_states(rng, contexts)
             assert np.array_equal(observation["position"], qpos[0])
-            assert np.array_equal(env.unwrapped.task.contexts["goal"], contexts["goal"])
+            assert all(np.array_equal(env.unwrapped.task.contexts[name], contexts[name]) for name in contexts)
             assert info["normalised_distance"] == 1.0
 
 
@@ -86,6 +86,15 @@ def test_the_generator_is_gymnasiums(make):
     env.reset(seed=1)
     assert isinstance(env.unwrapped.np_random, np.random.Generator)
     assert env.unwrapped.np_random_seed == 1
+
+
+def test_info_tells_how_far_the_goal_is(make):
+    env = make(contexts="narrow")
+    env.reset(seed=2)
+    first = env.unwrapped.task.distance(env.unwrapped.physics)
+    for _ in range(10):
+        info = env.step(env.action_space.sample())[-1]
+    assert env.unwrapped.task.distance(env.unwrapped.physics) == pytest.approx(info["normalised_distance"] * first)
 
 
 def test_metadata_counts_frames_a_second(make):
@@ -102,14 +111,24 @@ def test_render_returns_frames_of_the_size_asked_for(make):
     assert picture.std() > 5
 
 
-def test_registering_twice_is_no_error():
+def test_registering_twice_is_no_error(task):
     face.register()
-    assert gymnasium.spec("ifo/Reach-v0").kwargs == {"task_name": "reach"}
+    assert gymnasium.spec(f"ifo/{task.name.capitalize()}-v0").kwargs == {"task_name": task.name}
 
 
-def test_several_environments_make_a_vector():
-    envs = gymnasium.make_vec("ifo/Reach-v0", num_envs=2, vectorization_mode="sync", contexts="fixed")
+def test_any_task_can_be_made_by_its_name():
+    env = gymnasium.make("ifo/Task-v0", task_name="push")
+    observation, _ = env.reset(seed=3)
+    same = gymnasium.make("ifo/Push-v0")
+    assert np.array_equal(observation["position"], same.reset(seed=3)[0]["position"])
+    env.close()
+    same.close()
+
+
+def test_several_environments_make_a_vector(task):
+    name = f"ifo/{task.name.capitalize()}-v0"
+    envs = gymnasium.make_vec(name, num_envs=2, vectorization_mode="sync", contexts="fixed")
     observation, _ = envs.reset(seed=0)
-    assert observation["position"].shape == (2, 3)
+    assert observation["position"].shape == (2, task.model.nq)
     assert not np.array_equal(observation["position"][0], observation["position"][1])
     envs.close()

@@ -13,6 +13,15 @@ from stages.simulation.render import PIECE, RenderPool, TileRenderer, pieces
 
 pytestmark = pytest.mark.gl
 
+# What a context says, and how many pixels (median) change where it says the contrary. Strike's arm is thin.
+SHOWN = {
+    "reach": {"table_rgb": 500, "arm_rgb": 40, "goal": 10, "initial_qpos": 20},
+    "push": {"table_rgb": 500, "arm_rgb": 40, "goal": 10, "cylinder": 10, "initial_qpos": 20},
+    "sweep": {"table_rgb": 500, "arm_rgb": 40, "balls": 10, "initial_qpos": 20},
+    "strike": {"table_rgb": 500, "arm_rgb": 30, "goal": 10, "initial_qpos": 20},
+}
+CASES = [(task, name, pixels) for task, names in SHOWN.items() for name, pixels in names.items()]
+
 
 @pytest.fixture(scope="module")
 def renderer(task):
@@ -37,9 +46,17 @@ def changed(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return (np.abs(one.astype(int) - other).max(axis=-1) > 20).sum(axis=(1, 2))
 
 
+def poses(task, contexts, frames, seed=0):
+    """Joint positions (n, frames, nq): the contexts' own, but for random postures of the arm."""
+    qpos = np.repeat(task.context_state(contexts)[0][:, None], frames, axis=1)
+    arm = np.random.default_rng(seed).uniform(-0.3, 2.6, (*qpos.shape[:2], task.action_size))
+    qpos[..., task.posture] = arm
+    return qpos
+
+
 def test_frames_do_not_depend_on_the_number_of_processes(task, draw):
     contexts = draw("paper", 13)
-    qpos = np.random.default_rng(0).uniform(-0.3, 2.6, (13, task.frames, 3))
+    qpos = poses(task, contexts, task.frames)
     fields = task.model_fields(contexts)
     drawn = []
     for workers in (1, 2):
@@ -60,7 +77,7 @@ def test_pieces_cover_every_frame_once_and_fit_the_buffer(videos, frames):
 
 def test_a_long_video_is_drawn_in_order(task, draw, renderer):
     contexts = draw("paper", 1)
-    qpos = np.zeros((1, PIECE + 3, 3))
+    qpos = poses(task, contexts, 1).repeat(PIECE + 3, axis=1)
     qpos[0, :, 0] = np.linspace(0, 2 * np.pi, PIECE + 3)
     fields = task.model_fields(contexts)
     video = renderer.render(fields, qpos)[0]
@@ -79,6 +96,7 @@ def test_frames_are_those_of_each_video_alone(task, draw, renderer):
         assert changed(alone, together[k : k + 1])[0] <= 3
 
 
+@pytest.mark.parametrize("task", ["reach", "push", "strike"], indirect=True)
 def test_frames_show_the_goal_in_red(draw, first_frames):
     contexts = draw("paper", 100)
     frames = first_frames(contexts).astype(int)
@@ -87,15 +105,14 @@ def test_frames_show_the_goal_in_red(draw, first_frames):
     assert (red.sum(axis=(1, 2)) >= 3).mean() >= 0.98  # The arm may stand before the disc.
 
 
-@pytest.mark.parametrize(
-    ("name", "at_least"), [("table_rgb", 500), ("arm_rgb", 40), ("goal", 10), ("initial_qpos", 20)]
-)
+@pytest.mark.parametrize(("task", "name", "at_least"), CASES, indirect=["task"])
 def test_frames_show_what_a_context_says(draw, first_frames, name, at_least):
     contexts = draw("paper", 50)
     other = contexts | {name: 1.0 - contexts[name] if name.endswith("rgb") else -contexts[name]}
     assert np.median(changed(first_frames(contexts), first_frames(other))) >= at_least
 
 
+@pytest.mark.parametrize("task", ["reach", "push"], indirect=True)
 def test_frames_show_distractors_only_where_they_are_visible(draw, first_frames):
     contexts = draw("paper", 50)
     none = contexts | {"distractor_visible": np.zeros_like(contexts["distractor_visible"])}
@@ -110,6 +127,13 @@ def test_frames_differ_with_the_viewpoint(draw, first_frames):
     contexts = draw("paper", 20)
     turned = contexts | {"azimuth": contexts["azimuth"] + 45.0}
     assert changed(first_frames(contexts), first_frames(turned)).min() > 100
+
+
+def test_frames_have_the_tasks_size(task, draw, first_frames):
+    expected = (36, 64, 3) if task.name == "sweep" else (48, 48, 3)
+    frames = first_frames(draw("fixed"))
+    assert frames.shape == (1, *expected)
+    assert frames.std() > 10
 
 
 def test_a_renderer_may_be_closed_twice(task):

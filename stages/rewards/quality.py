@@ -1,0 +1,150 @@
+"""How good a tracking reward is, before any reinforcement learning: does it rank states and episodes by progress?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.stats import kendalltau
+
+from stages.rewards.translation import TrackingTarget
+from stages.simulation.batch import Rollout, rollout
+from stages.simulation.contexts import Contexts, repeat
+from stages.simulation.render import RenderPool
+from stages.simulation.task import State, Task
+from stages.translation.networks import Translator, to_images
+
+EPISODES = 8  # of each kind
+NOISE = (0.3, 0.6, 1.0)  # standard deviations of a noisy expert's actions, one episode in three each
+HELD = 5  # control steps that noise and random actions are held for, so that they move the robot
+PROGRESS_DIGITS = 2  # progress is compared to a hundredth of the initial distance: less is trembling at the goal
+
+Act = Callable[[State, Contexts], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Quality:
+    """What was measured.
+
+    Attributes:
+        metrics: `tau_KIND`, Kendall's tau-b along an episode between nearness to the target's last frame and progress,
+            mean over episodes of the kind (expert, noisy, random); `tau_returns`, over all episodes, between the
+            return and the final distance; `return_KIND`, mean returns.
+        curves: `KIND/feat`, `KIND/img`, rewards (n, T) of both terms; `KIND/distance` (n, T), normalised.
+    """
+
+    metrics: dict[str, float]
+    curves: dict[str, np.ndarray]
+
+
+def reward_quality(
+    task: Task,
+    context: Contexts,
+    expert: Act,
+    model: Translator,
+    target: TrackingTarget,
+    pool: RenderPool,
+    rng: np.random.Generator,
+    device: str = "cpu",
+) -> Quality:
+    """Roll out the expert, a noisy expert and random actions in one context; compare rewards with true distances.
+
+    Args:
+        context: The learner's context, leading axis 1.
+        expert: The expert's actions, from the state and the goal.
+    """
+    curves: dict[str, np.ndarray] = {}
+    metrics: dict[str, float] = {}
+    returns, outcomes = [], []
+    for kind, act in _actors(task, expert, rng).items():
+        contexts = repeat(context, EPISODES)
+        episodes = rollout(task, contexts, *task.draw_states(rng, contexts), act=act, nthread=1)
+        feat, img, nearness = _rewards(task, context, episodes, model, target, pool, device)
+        distance = episodes.distance[:, : task.control_steps : task.frame_every]
+        distance = distance / np.maximum(episodes.initial_distance[:, None], 1e-9)
+        curves |= {f"{kind}/feat": feat, f"{kind}/img": img, f"{kind}/distance": distance}
+        metrics[f"tau_{kind}"] = float(np.mean([_tau(n[1:], -d[1:]) for n, d in zip(nearness, distance, strict=True)]))
+        metrics[f"return_{kind}"] = float((feat + img)[:, 1:].sum(axis=1).mean())
+        returns.append((feat + img)[:, 1:].sum(axis=1))
+        outcomes.append(episodes.normalised_distance)
+    metrics["tau_returns"] = _tau(np.concatenate(returns), -np.concatenate(outcomes))
+    return Quality(metrics, curves)
+
+
+def _actors(task: Task, expert: Act, rng: np.random.Generator) -> dict[str, Act]:
+    """The expert, a noisy one and random actions."""
+    shape = (-(-task.control_steps // HELD), EPISODES, task.action_size)
+    noise = rng.normal(size=shape) * np.resize(NOISE, EPISODES)[:, None]
+    drawn = rng.uniform(-1.0, 1.0, shape)
+
+    def held(values: np.ndarray, state: State) -> np.ndarray:
+        step = round(float(state.time[0]) / task.control_timestep)
+        return values[min(step // HELD, len(values) - 1)]
+
+    return {
+        "expert": expert,
+        "noisy": lambda state, contexts: expert(state, contexts) + held(noise, state),
+        "random": lambda state, _: held(drawn, state),
+    }
+
+
+@torch.no_grad()
+def _rewards(
+    task: Task,
+    context: Contexts,
+    episodes: Rollout,
+    model: Translator,
+    target: TrackingTarget,
+    pool: RenderPool,
+    device: str,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """R_feat and R_img (n, T) against each time's target, and their sum (n, T) against the last time's."""
+    frames = pool.render(task.model_fields(repeat(context, EPISODES)), episodes.frame_qpos(task))
+    feat, img, near = [], [], []
+    for video in frames:
+        images = to_images(torch.from_numpy(video)).to(device)
+        features = model.encode(images)
+        terms = [
+            (
+                -(features - z).square().sum(dim=1) / target.feature_scale,
+                -(images - image).square().sum(dim=(1, 2, 3)) / target.image_scale,
+            )
+            for z, image in ((target.features, target.images), (target.features[-1:], target.images[-1:]))
+        ]
+        feat.append(terms[0][0].cpu().numpy())
+        img.append(terms[0][1].cpu().numpy())
+        near.append((terms[1][0] + terms[1][1]).cpu().numpy())
+    return np.stack(feat), np.stack(img), np.stack(near)
+
+
+def _tau(reward: np.ndarray, progress: np.ndarray) -> float:
+    """Kendall's tau-b; zero where one of the two never changes."""
+    value = kendalltau(reward, np.round(progress, PROGRESS_DIGITS)).statistic
+    return 0.0 if np.isnan(value) else float(value)
+
+
+def plot_quality(quality: Quality) -> bytes:
+    """A PNG: both terms of the reward, and the true distance, over time."""
+    import io
+
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(1, 3, figsize=(11, 3.4), dpi=110)
+    titles = {"feat": "R_feat", "img": "R_img", "distance": "distance / initial distance"}
+    for panel, (name, title) in zip(axes, titles.items(), strict=True):
+        for kind, colour in (("expert", "tab:green"), ("noisy", "tab:orange"), ("random", "tab:red")):
+            values = quality.curves[f"{kind}/{name}"]
+            panel.plot(values.T, color=colour, alpha=0.25, linewidth=0.8)
+            panel.plot(values.mean(axis=0), color=colour, label=kind)
+        panel.set(title=title, xlabel="frame")
+    axes[0].legend(fontsize=8)
+    figure.tight_layout()
+    drawn = io.BytesIO()
+    figure.savefig(drawn, format="png")
+    pyplot.close(figure)
+    return drawn.getvalue()

@@ -1,0 +1,81 @@
+"""The figures that judge a reward without reinforcement learning tell a good target from a bad one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from stages.rewards.quality import EPISODES, plot_quality, reward_quality
+from stages.rewards.translation import TrackingTarget, motion
+from stages.simulation.batch import BatchSimulation, rollout
+from stages.simulation.render import RenderPool
+from stages.simulation.tasks import distribution, make_task
+from stages.translation.networks import make_translator, to_images
+
+pytestmark = pytest.mark.gl
+ACTION = np.array([-0.5, 0.3, 0.1])  # Held for an episode: it swings the arm round to where the goal will be.
+
+
+def act(state, contexts):
+    return np.tile(ACTION, (len(state.qpos), 1))
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Task, context and network; the goal lies where ACTION brings the hand."""
+    task = make_task("reach")
+    context = task.draw_contexts(np.random.default_rng(0), 1, distribution("fixed"))
+    simulation = BatchSimulation(task, 1)
+    state = simulation.reset(*task.context_state(context))
+    for _ in range(task.control_steps):
+        state = simulation.step(act(state, context))
+    context["goal"] = state.site_xpos[:, 0, :2]
+    torch.manual_seed(0)
+    return task, context, make_translator("compact", task.frame_size)
+
+
+@pytest.fixture(scope="module")
+def quality(scene):
+    """A function (target frames (T, H, W, 3) from the true ones) -> Quality."""
+    task, context, model = scene
+    with RenderPool.of(task, 1) as pool:
+        episode = rollout(task, context, *task.context_state(context), act=act)
+        truth = pool.render(task.model_fields(context), episode.frame_qpos(task))[0]
+
+        def judge(change):
+            images = to_images(torch.from_numpy(change(truth).copy()))
+            with torch.no_grad():
+                features = model.encode(images)
+            scales = float(motion(features[None])), float(motion(images[None]))
+            target = TrackingTarget(features, images, *scales)
+            return reward_quality(task, context, act, model, target, pool, np.random.default_rng(1))
+
+        yield judge
+
+
+def test_the_true_video_as_target_ranks_progress(quality):
+    metrics = quality(lambda truth: truth).metrics
+    assert metrics["tau_expert"] > 0.8
+    assert metrics["tau_returns"] > 0.5
+    assert metrics["return_expert"] > metrics["return_noisy"] > metrics["return_random"]
+
+
+def test_a_target_that_stands_still_ranks_it_the_wrong_way(quality):
+    metrics = quality(lambda truth: np.repeat(truth[:1], len(truth), axis=0)).metrics
+    assert metrics["tau_expert"] < -0.5
+
+
+def test_curves_hold_every_episode_and_frame(scene, quality):
+    task = scene[0]
+    judged = quality(lambda truth: truth)
+    for kind in ("expert", "noisy", "random"):
+        for name in ("feat", "img", "distance"):
+            assert judged.curves[f"{kind}/{name}"].shape == (EPISODES, task.frames)
+        assert judged.curves[f"{kind}/distance"][:, 0] == pytest.approx(1.0)
+        assert (judged.curves[f"{kind}/feat"] <= 0).all()
+    assert plot_quality(judged).startswith(b"\x89PNG")
+
+
+def test_the_same_generator_gives_the_same_figures(quality):
+    assert quality(lambda truth: truth).metrics == quality(lambda truth: truth).metrics
