@@ -1,18 +1,19 @@
-"""The quick preset's expert solves the task, and moves one way in one context."""
+"""The quick preset's experts solve their tasks, and move one way in one context."""
 
 import numpy as np
 import pytest
 
 from artifacts import read_artifact
-from stages.configs import PRESETS
+from stages.configs import TASKS, defaults
 from stages.run import RunOptions
 from stages.train_expert import CONSISTENT_SPREAD, train_expert
 
 
 @pytest.mark.slow
-def test_the_quick_expert_solves_reach_consistently(tmp_path):
+@pytest.mark.parametrize("task", TASKS)
+def test_the_quick_expert_solves_its_task_consistently(tmp_path, task):
     out = tmp_path / "x.expert.h5"
-    result = train_expert("reach", PRESETS["quick"]["train-expert"], RunOptions(out=out))
+    result = train_expert(task, defaults("quick", "train-expert", task), RunOptions(out=out))
     artifact = read_artifact(result.path, "expert")
     distances, spread = artifact["test/normalised_distance"], artifact["test/spread"]
     assert len(distances) == 200
