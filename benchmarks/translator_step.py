@@ -19,7 +19,7 @@ from stages.translation.losses import translation_losses
 from stages.translation.networks import Translator, make_translator
 
 PAIRS, FRAMES = 16, 4  # as in the quick preset
-ROUNDS = 6
+ROUNDS = 15
 
 
 def clip_wise(model: Translator, videos: torch.Tensor, source: torch.Tensor) -> torch.Tensor:
