@@ -2,9 +2,9 @@
 
     python benchmarks/render.py
 
-dm_control is measured at two qualities: equal to the pool's, and MuJoCo's default (shadows, multisampling, fine meshes).
-Both draw the same contexts and postures of an episode, in turns, in the same run, at the task's frame size; the figures
-are medians over the turns. Prints one line of JSON.
+dm_control is measured at two qualities: equal to the pool's, and MuJoCo's default (shadows, multisampling, fine
+meshes). Both draw the same contexts and postures of an episode, in turns, in the same run, at the task's frame size;
+the figures are medians over the turns. Prints one line of JSON.
 """
 
 from __future__ import annotations

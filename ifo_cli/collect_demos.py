@@ -13,6 +13,8 @@ from ifo_cli.runner import check_task, run_stage
 STAGE = "collect-demos"
 EXAMPLES = (
     "ifo collect-demos reach --preset quick",
+    "ifo collect-demos push --contexts narrow --vary azimuth,colour,goal,initial",
+    "ifo collect-demos dm:reacher-easy -n 512",
     "ifo collect-demos reach --preset paper -n 3000 --expert runs/reach-quick.expert.h5",
 )
 

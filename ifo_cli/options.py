@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import importlib.metadata
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from stages.configs import DEFAULT_PRESET, PRESETS, STAGES, TASKS
 HELP_PRESET = DEFAULT_PRESET
 PRESET_NOTE = (
     f"What an option leaves open comes from --preset: the parent's, else {HELP_PRESET}. "
-    f"Defaults in brackets are those of {HELP_PRESET}."
+    f"Defaults in brackets are those of {HELP_PRESET} for reach; some tasks have their own."
 )
 Command = Callable[..., None]
 
@@ -28,12 +29,17 @@ STAGE_PANEL = "Options of this stage"
 
 def complete_task(incomplete: str) -> list[str]:
     """Names of tasks, for shell completion."""
-    return [task for task in TASKS if task.startswith(incomplete)]
+    installed = [entry.name for entry in importlib.metadata.entry_points(group="ifo.tasks")]
+    return [task for task in (*TASKS, *installed) if task.startswith(incomplete)]
 
 
 TaskArgument = Annotated[
     str,
-    typer.Argument(help=f"Task: {', '.join(TASKS)}.", autocompletion=complete_task, show_default=False),
+    typer.Argument(
+        help=f"Task: {', '.join(TASKS)}, dm:DOMAIN-TASK, or MODULE:ATTR.",
+        autocompletion=complete_task,
+        show_default=False,
+    ),
 ]
 
 

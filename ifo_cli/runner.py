@@ -95,8 +95,13 @@ def run_stage(
         )
         task = task or (str(parents[0].config.get("task") or "") if parents else "")
         config = dataclasses.replace(defaults(run.preset, stage, task), **given.config)
-        _make_folder(out)
-        result = call(config, run, paths)
+        made = _make_folder(out)
+        try:
+            result = call(config, run, paths)
+        except UsageError:
+            for folder in made:
+                folder.rmdir()
+            raise
     if given.json:
         emit(json.dumps({"path": str(result.path), "kind": WRITES[stage], **plain(result.summary)}))
     else:
@@ -128,12 +133,16 @@ def _check_out(out: Path | None) -> Path | None:
     return out
 
 
-def _make_folder(out: Path | None) -> None:
-    if out is not None:
-        try:
-            out.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise PlatformError(f"--out {out}: its folder cannot be made ({error.strerror})") from error
+def _make_folder(out: Path | None) -> list[Path]:
+    """Make the folder of `out`; returns the folders that this made, innermost first."""
+    if out is None:
+        return []
+    missing = [folder for folder in out.parents if not folder.exists()]
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PlatformError(f"--out {out}: its folder cannot be made ({error.strerror})") from error
+    return missing
 
 
 def _same_file(path: Path, out: Path) -> bool:

@@ -11,6 +11,7 @@ from ifo_cli.runner import check_task, run_stage
 STAGE = "train-expert"
 EXAMPLES = (
     "ifo train-expert reach --preset quick",
+    "ifo train-expert dm:finger-turn_hard --iterations 200",
     "ifo train-expert reach --iterations 120 --out runs/long.expert.h5",
 )
 

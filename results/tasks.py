@@ -13,31 +13,22 @@ import csv
 import io
 import os
 import shutil
-import subprocess
-import sys
-import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
+from quick import ifo
 
 from artifacts import read_artifact
+from stages.configs import TASKS
+from stages.simulation.gl import choose_backend
+from stages.simulation.tasks import make_task
+from stages.train_expert import CONSISTENT_SPREAD
 
 HERE = Path(os.path.relpath(Path(__file__).parent))
 RUNS = Path("runs/tasks")
-TASKS = ("reach", "push", "sweep", "strike")
 CONTEXTS = range(10)
 DEMOS = 3000
-
-
-def ifo(*words: object, out: Path) -> Path:
-    """Run one command, unless its artifact is there already."""
-    if not out.exists():
-        command = [sys.executable, "-m", "ifo_cli.main", *map(str, words), "--out", str(out), "--quiet"]
-        start = time.monotonic()
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-        print(f"{time.monotonic() - start:6.0f} s  ifo {' '.join(map(str, words))}", file=sys.stderr)
-    return out
 
 
 def learn(task: str, seed: int, translator: Path) -> Path:
@@ -45,24 +36,24 @@ def learn(task: str, seed: int, translator: Path) -> Path:
     words = ("translate", translator, "--contexts", "paper", "--context-seed", seed, "--n", 2, "--workers", 1)
     translation = ifo(*words, out=RUNS / f"{task}-c{seed}.translation.h5")
     words = ("learn-policy", translation, "--reward", "oracle", "--workers", 1, "--resume")
-    return ifo(*words, *arguments.learner, out=RUNS / f"{task}-c{seed}.policy.h5")
+    return ifo(*words, out=RUNS / f"{task}-c{seed}.policy.h5")
 
 
 def expert_row(task: str, path: Path) -> dict[str, object]:
     """What the expert's own test measured."""
     artifact = read_artifact(path, "expert")
     distances, spread = artifact["test/normalised_distance"], artifact["test/spread"].max(axis=1)
-    threshold = 0.55 if task == "sweep" else 0.5
+    made = make_task(task)
     return {
         "task": task,
         "method": "expert",
         "context_seed": "",
         "contexts": len(distances),
         "normalised_distance": round(float(distances.mean()), 4),
-        "success_paper": round(float((distances < threshold).mean()), 4),
-        "below_0.3": round(float((distances < 0.3).mean()), 4),
+        "success_paper": round(float((distances < made.success_threshold).mean()), 4),
+        "kept": round(float((distances < made.expert_threshold).mean()), 4),
         "spread_rad": round(float(np.median(spread)), 4),
-        "consistent": round(float((spread < 0.15).mean()), 4),
+        "consistent": round(float((spread < CONSISTENT_SPREAD).mean()), 4),
         "samples": int(artifact["curve/samples"][-1]),
         "minutes": round(float(artifact["curve/seconds"].sum() / 60), 2),
     }
@@ -71,7 +62,7 @@ def expert_row(task: str, path: Path) -> dict[str, object]:
 def oracle_rows(task: str, path: Path) -> list[dict[str, object]]:
     """One row a run, from the evaluation artifact."""
     artifact = read_artifact(path, "evaluation")
-    threshold = 0.55 if task == "sweep" else 0.5
+    threshold = make_task(task).success_threshold
     rows = []
     for k, run in enumerate(artifact.config["runs"]):
         stochastic = float(artifact["normalised_distance_stochastic"][k].mean())
@@ -115,12 +106,11 @@ def plot(experts: dict[str, Path]) -> None:
 
 
 def main() -> None:
+    choose_backend()
     RUNS.mkdir(parents=True, exist_ok=True)
     with ThreadPoolExecutor(arguments.parallel) as pool:
-        made = pool.map(
-            lambda task: ifo("train-expert", task, "--workers", 1, out=RUNS / f"{task}.expert.h5"), arguments.tasks
-        )
-        experts = dict(zip(arguments.tasks, made, strict=True))
+        made = pool.map(lambda task: ifo("train-expert", task, "--workers", 1, out=RUNS / f"{task}.expert.h5"), TASKS)
+        experts = dict(zip(TASKS, made, strict=True))
     table: list[dict[str, object]] = [expert_row(task, path) for task, path in experts.items()]
     policies: dict[str, list[Path]] = {}
     for task, expert in experts.items():
@@ -144,8 +134,6 @@ def main() -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--tasks", nargs="+", default=TASKS, choices=TASKS)
     parser.add_argument("--parallel", type=int, default=2, help="runs side by side")
-    parser.add_argument("--learner", nargs=argparse.REMAINDER, default=[], help="further options of learn-policy")
     arguments = parser.parse_args()
     main()

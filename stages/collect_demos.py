@@ -48,9 +48,10 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
     workers = use_threads(pick_workers(run.workers))
     name = file_name(task_name) + ("" if run.preset == DEFAULT_PRESET else f"-{run.preset}")
     out = run.out or default_path(Path("runs"), name, "demos")
+    drawn_from = distribution(config.contexts, config.vary)
+    task.varied(drawn_from)  # Says what is wrong with it before an expert is trained.
     expert = expert or _find_or_train_expert(task_name, run, out.parent)
     policy = Policy.load(load_expert(expert, task_name))
-    drawn_from = distribution(config.contexts, config.vary)
 
     videos = np.empty((config.n, task.frames, *task.frame_size, 3), np.uint8)
     contexts: list[Contexts] = []
@@ -63,18 +64,18 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
         run.progress.bar(f"collect-demos {task_name}", config.n, "demos") as bar,
     ):
         while kept < config.n:
-            if kept + dropped >= MAX_ATTEMPTS * max(config.n, chunk):
+            if kept + dropped >= MAX_ATTEMPTS * max(config.n, chunk) or (chunks and not kept):
                 raise ArtifactError(
                     f"{expert}: the expert failed in {dropped} of {kept + dropped} contexts, expected at least a "
                     f"quarter to end below {task.expert_threshold} of the initial distance; train it longer "
-                    f"(ifo train-expert {task_name}), or keep failures (--keep-failures)"
+                    f"(ifo train-expert {task_name} --iterations N), or keep failures (--keep-failures)"
                 )
             drawn = task.draw_contexts(generator(run.seed, "demos", chunks), chunk, drawn_from)
             episode = _roll_out(task, policy, drawn, workers)
             good = config.keep_failures | (episode.normalised_distance < task.expert_threshold)
             chosen = np.flatnonzero(good)[: config.n - kept]
             kept, chunks = kept + len(chosen), chunks + 1
-            looked_at = int(chosen[-1]) + 1 if kept == config.n else chunk
+            looked_at = int(chosen[-1]) + 1 if kept == config.n else len(good)
             dropped += looked_at - len(chosen)
             if not len(chosen):
                 continue

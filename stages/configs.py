@@ -15,6 +15,7 @@ LOSSES = ("trans", "rec", "align")
 REWARDS = ("translation", "oracle", "video")
 REWARD_TERMS = ("feat", "img")
 RAMPS = ("task", "none", "quadratic")
+VIEWPOINTS = ": seen from all round (paper), within 40 degrees (narrow), or always the same (fixed)."
 VARY = (
     "What varies from context to context, separated by commas, of azimuth, elevation, distance, colour, distractors, "
     "goal, initial (default: what the paper varies in the task)."
@@ -35,8 +36,8 @@ class LearnerConfig:
     """How a policy is learned by reinforcement."""
 
     learner: str = option("trpo", "Learning algorithm.", LEARNERS)
-    iterations: int = option(100, "Iterations of `episodes` x 50 control steps.", low=1)
-    episodes: int = option(250, "Episodes an iteration, simulated side by side (250 x 50 = 12,500 samples).", low=2)
+    iterations: int = option(100, "Iterations of `episodes` episodes.", low=1)
+    episodes: int = option(250, "Episodes an iteration, side by side (of 50 control steps; in the suite 1,000).", low=2)
     hidden: int = option(64, "Width of the two hidden layers of policy and value.", low=1)
     kl: float = option(0.02, "Bound on the mean KL divergence of an update.", low=0)
     discount: float = option(0.99, "Discount a control step.", low=0, high=1)
@@ -51,7 +52,7 @@ class LearnerConfig:
 class ExpertConfig(LearnerConfig):
     """An expert: learns the task's hand-written reward in random contexts, seeing the state and the goal."""
 
-    contexts: str = option("paper", "Contexts to practise in.", CONTEXTS)
+    contexts: str = option("paper", "Contexts to practise in" + VIEWPOINTS, CONTEXTS)
     vary: str = option("", VARY)
     test_contexts: int = option(200, "Contexts that the finished expert is tested in.", low=1)
     test_episodes: int = option(16, "Episodes a context when its consistency is measured.", low=2)
@@ -62,7 +63,7 @@ class DemosConfig:
     """Demonstrations: videos of the expert in random contexts."""
 
     n: int = option(3000, "Demonstrations to collect.", low=2)
-    contexts: str = option("paper", "Contexts to draw from.", CONTEXTS)
+    contexts: str = option("paper", "Contexts to draw from" + VIEWPOINTS, CONTEXTS)
     vary: str = option("", VARY)
     keep_failures: bool = option(False, "Keep demonstrations in which the expert failed.")
 
@@ -116,7 +117,7 @@ class PolicyConfig(LearnerConfig):
     reward: str = option("translation", "Reward: the paper's, the true distance, or the true expert video.", REWARDS)
     without: tuple[str, ...] = option((), "Switch a term of the reward off (repeatable).", REWARD_TERMS)
     image_weight: float = option(1.0, "w_rec, weight of R_img beside R_feat, both scaled to order one.", low=0)
-    ramp: str = option("task", "Weight of a frame's reward over time: the task's own (strike: quadratic), or.", RAMPS)
+    ramp: str = option("task", "Weight of a frame's reward over time; task: as the paper has it.", RAMPS)
 
 
 @dataclass(frozen=True)

@@ -100,6 +100,7 @@ def _describe(source: Artifact) -> dict[str, Any]:
         "seed": source.manifest.seed,
         "context_seed": config["context_seed"],
         "contexts": config["contexts"],
+        "vary": config.get("vary", ""),
         "translation_metrics": config["translation_metrics"],
         "samples": int(source["curve/samples"][-1]),
         "learning_minutes": float(source["curve/seconds"].sum() / 60),

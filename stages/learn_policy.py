@@ -28,7 +28,7 @@ from stages.simulation.task import Task
 def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> StageResult:
     """Learn a policy that tracks the translation; write the `policy` artifact and a video beside its target.
 
-    The policy sees joint positions, velocities and the time. Frames are drawn only where the reward needs them.
+    The policy sees what the task lets a learner see. Frames are drawn only where the reward needs them.
     """
     from stages.learners.environment import EpisodeEnv
     from stages.learners.loop import curve_arrays, learn
@@ -56,7 +56,8 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
         described = full_config("learn-policy", config, run, task=task.name)
         described |= {"observation_size": env.observation_size, "action_size": task.action_size}
         described |= {"context_seed": source.config["context_seed"], "contexts": source.config["contexts"]}
-        described |= {"translation_metrics": {k: float(v) for k, v in source.group("metrics").items()}}
+        described["vary"] = source.config.get("vary", "")
+        described |= {"translation_metrics": _finite(source.group("metrics"))}
         checkpoints = Checkpoints(run, out, "learn-policy", described, [source.path])
         model, curve = learn(env, config, run, out, "learn-policy", checkpoints)
     finally:
@@ -87,6 +88,11 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
         "video": str(sibling(out, ".mp4")),
     }
     return StageResult(out, summary)
+
+
+def _finite(metrics: dict[str, np.ndarray]) -> dict[str, float]:
+    """The metrics that are numbers: a tau may be undefined."""
+    return {name: float(value) for name, value in metrics.items() if np.isfinite(value)}
 
 
 def make_reward(

@@ -42,7 +42,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     """
     import torch
 
-    from stages.rewards.quality import plot_quality
+    from stages.rewards.quality import plot_quality, shown_tau
     from stages.rewards.translation import motion
     from stages.simulation.gl import choose_backend
     from stages.threads import use_threads
@@ -97,7 +97,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     metrics: dict[str, float] = {}
     if contexts is not None:
         arrays |= {f"contexts/{name}": values for name, values in contexts.items()}
-    truth = None
+    truth, plot = None, sibling(out, ".png")
     if contexts is not None and expert is not None:
         truth, quality = _judge(demos.config["task"], contexts, expert, model, arrays, run, device)
         truth_arrays = _truth(model, truth, device, arrays, metrics)
@@ -110,12 +110,14 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
         )
         run.progress.say(
             "reward against true progress, Kendall's tau: "
-            + ", ".join(f"{metrics[f'tau_{kind}']:.2f} ({kind})" for kind in ("expert", "noisy", "random"))
-            + f"; returns against final distances: {metrics['tau_returns']:.2f}"
+            + ", ".join(f"{shown_tau(metrics[f'tau_{kind}'])} ({kind})" for kind in ("expert", "noisy", "random"))
+            + f"; returns against final distances: {shown_tau(metrics['tau_returns'])}"
         )
-        write_bytes(sibling(out, ".png"), plot_quality(quality))
+        write_bytes(plot, plot_quality(quality))
+    else:
+        plot.unlink(missing_ok=True)  # Of what stood here before.
     described = full_config("translate", config, run, task=source.config.get("task"))
-    described["contexts"] = "" if config.context_image else config.contexts or demos.config["contexts"]
+    described["contexts"], described["vary"] = ("", "") if config.context_image else _contexts_of(config, demos)
     mean = np.clip(arrays["target_images"], 0, 255).round().astype(np.uint8)
     rows = [[frames[k], frame, arrays["images"][k]] for k in range(min(SHOWN, len(frames)))]
     rows.append([np.zeros_like(frames[0]), frame, mean])
@@ -133,7 +135,8 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
         parents=[source.path],
         environment=environment(device),
     )
-    return StageResult(out, {**metrics, "demonstrations": len(frames), "video": str(sibling(out, ".mp4"))})
+    pictures = {"video": str(sibling(out, ".mp4")), **({"plot": str(plot)} if truth is not None else {})}
+    return StageResult(out, {**metrics, "demonstrations": len(frames), **pictures})
 
 
 def _read_context(path: str, size: tuple[int, ...]) -> np.ndarray:
@@ -155,8 +158,7 @@ def _simulate_context(
     from stages.simulation.tasks import distribution, make_task
 
     task = make_task(demos.config["task"])
-    drawn_from = distribution(config.contexts or demos.config["contexts"], config.vary or demos.config.get("vary", ""))
-    contexts = learner_context(task, config.context_seed, drawn_from)
+    contexts = learner_context(task, config.context_seed, distribution(*_contexts_of(config, demos)))
     with RenderPool.of(task, 1) as pool:
         frame = pool.render(task.model_fields(contexts), task.context_state(contexts)[0][None])[0, 0]
     try:
@@ -164,6 +166,13 @@ def _simulate_context(
     except ArtifactError as error:
         run.progress.say(f"the expert's own video here is not known, and nothing is compared with it ({error})")
         return contexts, frame, None
+
+
+def _contexts_of(config: TranslateConfig, demos: Artifact) -> tuple[str, str]:
+    """The distribution of the learner's context and what varies in it; both the demonstrations' where left open."""
+    if config.contexts:
+        return config.contexts, config.vary
+    return demos.config["contexts"], config.vary or demos.config.get("vary", "")
 
 
 def _judge(

@@ -21,6 +21,7 @@ def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int) -> BaseAlgor
     """A Stable-Baselines3 algorithm over `env`, silent (the caller logs), seeded."""
     steps = env.task.control_steps
     samples = steps * env.num_envs
+    batch = next(k for k in range(max(samples // 10, 2), samples + 1) if samples % k == 0)
     layers = {"net_arch": [config.hidden, config.hidden]}
     model: BaseAlgorithm
     if config.learner == "trpo":
@@ -28,7 +29,7 @@ def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int) -> BaseAlgor
             "MlpPolicy",
             env,
             n_steps=steps,
-            batch_size=max(samples // 10, 2),
+            batch_size=batch,
             learning_rate=config.critic_rate,
             gamma=config.discount,
             gae_lambda=config.gae_lambda,
@@ -44,7 +45,7 @@ def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int) -> BaseAlgor
             "MlpPolicy",
             env,
             n_steps=steps,
-            batch_size=max(samples // 10, 2),
+            batch_size=batch,
             learning_rate=0.1 * config.critic_rate,
             gamma=config.discount,
             gae_lambda=config.gae_lambda,
@@ -55,7 +56,8 @@ def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int) -> BaseAlgor
             device="cpu",
         )
     else:
-        rollout = min(steps, SAC_ROLLOUT)
+        # A divisor of the episode, so that iterations and episodes end together.
+        rollout = next(k for k in range(min(steps, SAC_ROLLOUT), 0, -1) if steps % k == 0)
         model = SAC(
             "MlpPolicy",
             env,
@@ -89,7 +91,7 @@ def learner_state(model: BaseAlgorithm) -> dict[str, Any]:
         "episode": model.env.episode if isinstance(model.env, EpisodeEnv) else 0,
     }
     if isinstance(model, SAC) and (buffer := model.replay_buffer) is not None:
-        names = ("observations", "next_observations", "actions", "rewards", "dones")
+        names = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
         end = buffer.buffer_size if buffer.full else buffer.pos
         state["replay"] = {name: getattr(buffer, name)[:end] for name in names}
         state["replay_position"] = [int(buffer.pos), bool(buffer.full)]

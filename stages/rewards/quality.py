@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from scipy.stats import kendalltau
 
-from stages.rewards.translation import TrackingTarget
+from stages.rewards.translation import TrackingTarget, time_weights
 from stages.simulation.batch import Rollout, rollout
 from stages.simulation.contexts import Contexts, repeat
 from stages.simulation.render import RenderPool
@@ -31,7 +31,8 @@ class Quality:
     Attributes:
         metrics: `tau_KIND`, Kendall's tau-b along an episode between nearness to the target's last frame and progress,
             mean over episodes of the kind (expert, noisy, random); `tau_returns`, over all episodes, between the
-            return and the final distance; `return_KIND`, mean returns.
+            return and the final distance; `return_KIND`, mean returns. Both terms of the reward weigh the same
+            (w_rec = 1), and its ramp is the task's own. A tau is NaN where reward or progress never changes.
         curves: `KIND/feat`, `KIND/img`, rewards (n, T) of both terms; `KIND/distance` (n, T), normalised.
     """
 
@@ -65,9 +66,9 @@ def reward_quality(
         distance = episodes.distance[:, : task.control_steps : task.frame_every]
         distance = distance / np.maximum(episodes.initial_distance[:, None], 1e-9)
         curves |= {f"{kind}/feat": feat, f"{kind}/img": img, f"{kind}/distance": distance}
-        metrics[f"tau_{kind}"] = float(np.mean([_tau(n[1:], -d[1:]) for n, d in zip(nearness, distance, strict=True)]))
-        metrics[f"return_{kind}"] = float((feat + img)[:, 1:].sum(axis=1).mean())
-        returns.append((feat + img)[:, 1:].sum(axis=1))
+        metrics[f"tau_{kind}"] = _mean([_tau(n[1:], -d[1:]) for n, d in zip(nearness, distance, strict=True)])
+        returns.append(((feat + img) * time_weights(task.ramp, task.frames))[:, 1:].sum(axis=1))
+        metrics[f"return_{kind}"] = float(returns[-1].mean())
         outcomes.append(episodes.normalised_distance)
     metrics["tau_returns"] = _tau(np.concatenate(returns), -np.concatenate(outcomes))
     return Quality(metrics, curves)
@@ -120,9 +121,19 @@ def _rewards(
 
 
 def _tau(reward: np.ndarray, progress: np.ndarray) -> float:
-    """Kendall's tau-b; zero where one of the two never changes."""
-    value = kendalltau(reward, np.round(progress, PROGRESS_DIGITS)).statistic
-    return 0.0 if np.isnan(value) else float(value)
+    """Kendall's tau-b; NaN where one of the two never changes."""
+    return float(kendalltau(reward, np.round(progress, PROGRESS_DIGITS)).statistic)
+
+
+def _mean(values: list[float]) -> float:
+    """Mean of those that are numbers; NaN where none is."""
+    numbers = [value for value in values if not np.isnan(value)]
+    return float(np.mean(numbers)) if numbers else float("nan")
+
+
+def shown_tau(value: float) -> str:
+    """A tau as text."""
+    return "undefined" if np.isnan(value) else f"{value:.2f}"
 
 
 def plot_quality(quality: Quality) -> bytes:

@@ -44,6 +44,12 @@ def motion(values: Tensor) -> Tensor:
     return (values - values[:, :1]).square().flatten(1).sum(dim=1)
 
 
+def time_weights(ramp: str, frames: int) -> np.ndarray:
+    """Weights (T,) of a video's frames in the reward: j^2, scaled to a mean of one, or ones."""
+    j = np.arange(frames, dtype=np.float64)
+    return j**2 / np.mean(j**2) if ramp == "quadratic" else np.ones_like(j)
+
+
 class TranslationReward:
     """Reward of n simulations in one fixed context; draws their frames and encodes them.
 
@@ -71,8 +77,7 @@ class TranslationReward:
         self._fields = task.model_fields(context)
         self._use = {term: term not in without for term in ("feat", "img")}
         self._image_weight = image_weight
-        j = np.arange(task.frames, dtype=np.float64)
-        self._time_weight = j**2 / np.mean(j**2) if ramp == "quadratic" else np.ones_like(j)
+        self._time_weight = time_weights(ramp, task.frames)
         self._sums = {"feat": 0.0, "img": 0.0, "return": 0.0}
         self._episodes = 0
 

@@ -77,7 +77,7 @@ class Rollout:
         return self.final_distance / self.initial_distance
 
     def frame_qpos(self, task: Task) -> np.ndarray:
-        """Joint positions (n, T, nq) at the control steps that a video shows: 0, 2, ..., 48."""
+        """Joint positions (n, T, nq) at the control steps that a video shows: every `frame_every`-th, from 0 on."""
         return self.qpos[:, : task.control_steps : task.frame_every]
 
 
@@ -99,9 +99,10 @@ def rollout(
     """
     simulation = BatchSimulation(task, len(qpos), nthread)
     state = simulation.reset(qpos, qvel)
-    states = [state]
+    positions, distances = [state.qpos], [task.distance(state, contexts)]
     for _ in range(task.control_steps):
         state = simulation.step(act(state, contexts))
-        states.append(state)
-    distances = np.stack([task.distance(s, contexts) for s in states], axis=1)
-    return Rollout(np.stack([s.qpos for s in states], axis=1), distances, *task.outcome(distances))
+        positions.append(state.qpos)
+        distances.append(task.distance(state, contexts))
+    distance = np.stack(distances, axis=1)
+    return Rollout(np.stack(positions, axis=1), distance, *task.outcome(distance))

@@ -77,7 +77,7 @@ def draw_camera(
     elevations = rng.uniform(*distribution.elevation, n)
     distances = distance * rng.uniform(*distribution.distance, n)
     return {
-        "azimuth": azimuth if "azimuth" in vary else np.full(n, 0.5 * sum(distribution.azimuth)),
+        "azimuth": azimuth if "azimuth" in vary else np.zeros(n),
         "elevation": elevations if "elevation" in vary else np.full(n, elevation),
         "camera_distance": distances if "distance" in vary else np.full(n, distance),
     }
@@ -101,14 +101,15 @@ def draw_distractors(
     clear_of: np.ndarray,
     clearance: float,
     table_rgb: np.ndarray,
-    goal_rgb: np.ndarray,
+    *others: np.ndarray,
     visible: bool,
 ) -> Contexts:
     """Draw discs inside the workspace of an arm that stands at the origin.
 
     Args:
         clear_of: Points (n, m, 2) that a disc's centre keeps `clearance` metres from.
-        table_rgb, goal_rgb: Colours (n, 3) or (3,) that a disc's own differs from.
+        table_rgb: Colours (n, 3) of the tables, that the discs' own differ from.
+        others: Further colours (3,) that they differ from.
         visible: Whether there are any.
 
     Returns:
@@ -126,7 +127,7 @@ def draw_distractors(
     while (near := (np.linalg.norm(positions[:, None] - centres, axis=2) < clearance).any(axis=1)).any():
         positions[near] = draw(int(near.sum()))
     table = np.repeat(np.broadcast_to(table_rgb, (n, 3)), N_DISTRACTORS, axis=0)
-    colours = draw_colours(rng, n * N_DISTRACTORS, goal_rgb, table, gap=0.4)
+    colours = draw_colours(rng, n * N_DISTRACTORS, *others, table, gap=0.4)
     there = rng.random((n, N_DISTRACTORS)) < DISTRACTOR_PROBABILITY
     return {
         "distractor_position": positions.reshape(n, N_DISTRACTORS, 2),

@@ -56,6 +56,7 @@ class DmTask(Task):
     frame_every = CONTROL_STEPS // FRAMES
     camera = CAMERA
     truncates = True
+    expert_threshold = 0.5
 
     def __init__(self, name: str):
         """Load `dm:DOMAIN-TASK`.
@@ -63,12 +64,15 @@ class DmTask(Task):
         Raises:
             UsageError: The suite has no such task.
         """
+        import logging
+
         from dm_control import suite
 
+        logging.getLogger("absl").setLevel(logging.ERROR)  # The suite's own models use what MuJoCo calls outdated.
         domain, _, task = name.removeprefix(PREFIX).partition("-")
         if (domain, task) not in suite.ALL_TASKS:
-            known = ", ".join(f"{PREFIX}{d}-{t}" for d, t in sorted(suite.BENCHMARKING))
-            raise UsageError(f"no task {name!r} in dm_control's suite: expected one of {known}")
+            some = ", ".join(f"{PREFIX}{d}-{t}" for d, t in sorted(suite.EASY))
+            raise UsageError(f"no task {name!r} in dm_control's suite: expected {PREFIX}DOMAIN-TASK, such as {some}")
         self.name = name
         self._env = suite.load(domain, task, task_kwargs={"random": 0})
         self.substeps = round(self._env.control_timestep() / self._env.physics.timestep())

@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 class ModelFields:
     """Fields of one model for n contexts, name -> (n, *shape of the field); begins with the contexts' cameras."""
 
-    def __init__(self, model: mujoco.MjModel, contexts: Contexts):
+    def __init__(self, model: mujoco.MjModel, contexts: Contexts, camera: str = "context"):
         self._model = model
         position, quaternion = camera_pose(contexts)
         n = len(position)
         self._rgba = np.repeat(model.geom_rgba[None], n, axis=0)
         self._position = np.repeat(model.geom_pos[None], n, axis=0)
         cameras = np.repeat(model.cam_pos[None], n, axis=0), np.repeat(model.cam_quat[None], n, axis=0)
-        index = model.camera("context").id
+        index = model.camera(camera).id
         cameras[0][:, index], cameras[1][:, index] = position, quaternion
         self._cameras = cameras
 

@@ -110,7 +110,7 @@ class Push(Task):
         noise = rng.uniform(-INITIAL_NOISE, INITIAL_NOISE, (n, 3)) if "initial" in vary else np.zeros((n, 3))
         clearance = GOAL_RADIUS + DISTRACTOR_RADIUS
         clear_of = np.stack([goal, cylinder], axis=1)
-        distractors = draw_distractors(rng, clear_of, clearance, table, RED, visible="distractors" in vary)
+        distractors = draw_distractors(rng, clear_of, clearance, table, RED, WHITE, visible="distractors" in vary)
         return (
             contexts
             | distractors

@@ -111,8 +111,10 @@ class TileRenderer:
             for position in positions:
                 data.qpos[:] = position
                 mujoco.mj_kinematics(model, data)
-                if self._follows:
+                if self._follows or model.ntendon:
                     mujoco.mj_comPos(model, data)
+                if model.ntendon:
+                    mujoco.mj_tendon(model, data)
                 mujoco.mj_camlight(model, data)
                 mujoco.mjv_updateScene(model, data, self._options, self._perturb, self._camera, everything, self._scene)
                 viewport.left = (tile % self._columns) * self._width

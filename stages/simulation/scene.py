@@ -1,8 +1,8 @@
 """What the simulated scenes share: quality, light, camera, table, arms, objects that slide on the table, and walls.
 
-Everything moves in the plane of the table, and every collider is a sphere or a capsule whose axis lies at one height:
-contacts are then exact, cheap and stable at the paper's timestep, and frictionless as in the paper's set-up. Friction
-with the table is damping of an object's own two joints.
+Everything moves in the plane of the table, and all that moves collides as spheres and capsules whose axes lie at one
+height: contacts are then exact, cheap and stable at the paper's timestep, and frictionless as in the paper's set-up.
+Friction with the table is damping of an object's own two joints.
 """
 
 from __future__ import annotations

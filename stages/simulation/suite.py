@@ -185,7 +185,7 @@ def load(
     pixels: bool = False,
     environment_kwargs: dict[str, Any] | None = None,
 ) -> Environment:
-    """A dm_control environment of the task: an episode of 50 control steps in a context of its own.
+    """A dm_control environment of the task: each episode in a context of its own.
 
     Args:
         task_name: The task's name.

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from dm_control import mjcf
 
-from stages.simulation.contexts import RED, ContextDistribution, Contexts, draw_camera, draw_colours
+from stages.simulation.contexts import ContextDistribution, Contexts, draw_camera, draw_colours
 from stages.simulation.fields import ModelFields
 from stages.simulation.scene import ARM, NOTHING, Arm, add_object, add_rim, add_table, add_wall, make_scene
 from stages.simulation.task import State, Task
@@ -34,7 +34,7 @@ PAN_HEIGHT = 0.12
 GREY = np.array([0.72, 0.72, 0.74])
 CANONICAL_TABLE = np.array([0.62, 0.44, 0.26])
 CANONICAL_ARM = np.array([0.2, 0.3, 0.6])
-PAN_RGB = (0.85, 0.75, 0.2)
+PAN = np.array([0.85, 0.75, 0.2])
 
 
 class Sweep(Task):
@@ -55,7 +55,7 @@ class Sweep(Task):
         add_rim(root, TABLE_HALF_SIZE, (0.3, 0.2, 0.1, 1))
         middle, half = (PAN_LOW + PAN_HIGH) / 2, (PAN_HIGH - PAN_LOW) / 2
         root.worldbody.add(
-            "geom", name="pan", type="box", size=(*half, 0.005), pos=(*middle, 0.006), rgba=(*PAN_RGB, 1), **NOTHING
+            "geom", name="pan", type="box", size=(*half, 0.005), pos=(*middle, 0.006), rgba=(*PAN, 1), **NOTHING
         )
         wide = half[0] + 2 * PAN_WALL
         for name, centre, size in (
@@ -63,7 +63,7 @@ class Sweep(Task):
             ("pan_right", (PAN_HIGH[0] + PAN_WALL, middle[1]), (PAN_WALL, half[1])),
             ("pan_back", (middle[0], PAN_LOW[1] - PAN_WALL), (wide, PAN_WALL)),
         ):
-            add_wall(root, name, centre, size, PAN_HEIGHT, (*PAN_RGB, 1))
+            add_wall(root, name, centre, size, PAN_HEIGHT, (*PAN, 1))
         link = SWEEPER.build(root, rgba=(*CANONICAL_ARM, 1), **ARM)
         link.add("site", name="hand", pos=(SWEEPER.lengths[-1], 0, 0), size=(0.01,), rgba=(0, 0, 0, 0))
         for k in range(N_BALLS):
@@ -74,8 +74,8 @@ class Sweep(Task):
         vary = self.varied(distribution)
         contexts = draw_camera(rng, n, distribution, vary)
         if "colour" in vary:
-            table = draw_colours(rng, n, RED, GREY)
-            arm = draw_colours(rng, n, GREY, table, gap=0.4)
+            table = draw_colours(rng, n, PAN, GREY)
+            arm = draw_colours(rng, n, PAN, GREY, table, gap=0.4)
         else:
             table, arm = np.tile(CANONICAL_TABLE, (n, 1)), np.tile(CANONICAL_ARM, (n, 1))
         scale = float("initial" in vary)

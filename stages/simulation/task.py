@@ -69,7 +69,7 @@ class Task(ABC):
     @property
     def frames(self) -> int:
         """Frames a video, T: one at every `frame_every`-th control step, the first at the start."""
-        return self.control_steps // self.frame_every
+        return -(-self.control_steps // self.frame_every)
 
     @abstractmethod
     def build(self) -> mjcf.RootElement:
@@ -98,20 +98,24 @@ class Task(ABC):
         return int(self.model.nu)
 
     @property
-    def posture(self) -> slice:
-        """Which of qpos are the robot's own joints: those whose final spread tells how consistent an expert is."""
-        return slice(0, self.action_size)
+    def posture(self) -> np.ndarray:
+        """Indices into qpos of the joints that motors drive: their final spread tells how consistent an expert is."""
+        driven = self.model.actuator_trnid[self.model.actuator_trntype == 0, 0]  # 0: a joint
+        turning = [joint for joint in driven if self.model.jnt_type[joint] >= 2]  # slides and hinges
+        return np.unique(self.model.jnt_qposadr[turning])
 
     def varied(self, distribution: ContextDistribution) -> frozenset[str]:
         """The factors that are drawn from `distribution`.
 
         Raises:
-            UsageError: It varies something that this task does not have.
+            UsageError: It varies something that this task does not have, or an azimuth without a range.
         """
         if distribution.vary is None:
             return frozenset(self.default_factors)
         if unknown := sorted(distribution.vary - set(self.factors)):
             raise UsageError(f"--vary {unknown[0]}: expected factors that {self.name} has, {', '.join(self.factors)}")
+        if "azimuth" in distribution.vary and distribution.azimuth[0] == distribution.azimuth[1]:
+            raise UsageError("--vary azimuth: expected --contexts paper or narrow, which say how far; fixed has one")
         return distribution.vary
 
     @abstractmethod
@@ -132,7 +136,7 @@ class Task(ABC):
 
     @abstractmethod
     def observe(self, state: State) -> np.ndarray:
-        """What the learner's policy sees, (n, D): its own body and the time, never the goal."""
+        """What the learner's policy sees, (n, D): never the goal; the time, where episodes are short."""
 
     @abstractmethod
     def observe_expert(self, state: State, contexts: Contexts) -> np.ndarray:
@@ -144,7 +148,7 @@ class Task(ABC):
 
     @abstractmethod
     def distance(self, state: State, contexts: Contexts) -> np.ndarray:
-        """Distance (n,) of the task's object to its goal, metres."""
+        """Distance (n,) of the task's object to its goal, metres (tasks of the suite: 1 - reward)."""
 
     def outcome(self, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What an episode is judged by: initial and final distance (n,), of the distances (n, control steps + 1)."""

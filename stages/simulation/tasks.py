@@ -56,7 +56,12 @@ def make_task(name: str, typed: bool = False) -> Task:
 
 def _attribute(name: str) -> object:
     module, _, attribute = name.partition(":")
-    return getattr(importlib.import_module(module), attribute)
+    if not module.strip(".") or module.startswith(".") or not attribute:
+        raise UsageError(f"task {name!r}: expected MODULE:ATTR, such as my_tasks:Lift")
+    made = getattr(importlib.import_module(module), attribute, None)
+    if made is None:
+        raise UsageError(f"task {name!r}: the module {module} has no {attribute}; is it the right one?")
+    return made
 
 
 def _made(name: str, load: Callable[[], object]) -> Task:
@@ -68,10 +73,13 @@ def _made(name: str, load: Callable[[], object]) -> Task:
     try:
         made = load()
         task = made() if callable(made) else made
-    except (ImportError, AttributeError, ValueError, TypeError) as error:
-        raise UsageError(
-            f"task {name!r} cannot be imported ({error}): is its module installed or on PYTHONPATH?"
-        ) from error
+    except UsageError:
+        raise
+    except ModuleNotFoundError as error:
+        raise UsageError(f"task {name!r}: {error}; is its module installed or on PYTHONPATH?") from error
+    except Exception as error:  # A stranger's code may fail in any way, and none of them is a bug of ours.
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise UsageError(f"task {name!r} cannot be made ({reason}): mend its code") from error
     if not isinstance(task, Task):
         raise UsageError(f"task {name!r} is a {type(task).__name__}, expected a stages.simulation.task.Task")
     task.name = name  # What later stages find it by.

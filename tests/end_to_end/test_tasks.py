@@ -10,6 +10,7 @@ import pytest
 
 from artifacts import read_artifact, write_artifact
 from ifo_cli.main import main
+from stages.simulation.push import CANONICAL_GOAL
 
 pytestmark = pytest.mark.gl
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -83,12 +84,39 @@ def test_vary_chooses_what_differs_between_videos(ifo, capsys):
     assert {"contexts/table_rgb", "contexts/arm_rgb", "contexts/elevation"} <= differ
     assert not {"contexts/azimuth", "contexts/goal", "contexts/cylinder", "contexts/initial_qpos"} & differ
     assert not demos["contexts/distractor_visible"].any()
-    for words, named in ((("push", "--vary", "wings"), "wings"), (("sweep", "--vary", "distractors"), "sweep")):
-        assert main(["train-expert", *words, "--preset", "toy"]) == 2
-        message = capsys.readouterr().err.strip()
-        assert named in message
-        assert "--vary" in message
-        assert len(message.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (("push", "--vary", "wings"), "wings"),
+        (("push", "--vary", "azimuth,,goal"), "--vary ''"),
+        (("sweep", "--vary", "distractors"), "sweep"),
+        (("reach", "--contexts", "fixed", "--vary", "azimuth"), "narrow"),
+    ],
+)
+@pytest.mark.parametrize("stage", ["train-expert", "collect-demos"])
+def test_what_cannot_vary_is_said_before_anything_is_done(tmp_path, monkeypatch, capsys, stage, words, named):
+    monkeypatch.chdir(tmp_path)
+    assert main([stage, *words, "--preset", "toy", "--out", "new/x.h5"]) == 2
+    message = capsys.readouterr().err.strip()
+    assert named in message
+    assert "--vary" in message
+    assert len(message.splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_learners_context_varies_as_the_demonstrations_unless_told_otherwise(ifo):
+    expert = ifo("train-expert", "push")
+    translator = ifo("train-translator", ifo("collect-demos", "push", "--expert", expert, "--vary", "azimuth,goal"))
+    for words, contexts, vary in (
+        ((), "narrow", "azimuth,goal"),
+        (("--contexts", "fixed"), "fixed", ""),
+        (("--vary", "azimuth"), "narrow", "azimuth"),
+    ):
+        made = read_artifact(ifo("translate", translator, "--context-seed", 3, *words), "translation")
+        assert (made.config["contexts"], made.config["vary"]) == (contexts, vary)
+        assert (made["contexts/goal"][0] == CANONICAL_GOAL).all() == ("goal" not in vary)
 
 
 def test_a_file_does_not_decide_what_code_runs(tmp_path, monkeypatch, capsys):

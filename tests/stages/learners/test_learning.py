@@ -16,8 +16,10 @@ from stages.simulation.reach import Reach
 SMALL = LearnerConfig(episodes=8, hidden=16)
 
 
-def make(config, seed=0):
+def make(config, seed=0, **attributes):
     task = Reach()
+    for name, value in attributes.items():
+        setattr(task, name, value)
     context = task.draw_contexts(np.random.default_rng(3), 1, DISTRIBUTIONS["paper"])
     env = EpisodeEnv(task, config.episodes, seed, lambda rng, n: repeat(context, n), OracleReward(task), nthread=1)
     return make_learner(config, env, seed), env
@@ -25,7 +27,7 @@ def make(config, seed=0):
 
 def iterate(model, times):
     for _ in range(times):
-        model.learn(model.env.num_envs * 50, reset_num_timesteps=False)
+        model.learn(model.env.num_envs * model.env.task.control_steps, reset_num_timesteps=False)
 
 
 def weights(model):
@@ -37,18 +39,19 @@ def assert_same(one, other):
         np.testing.assert_array_equal(value, weights(other)[name], err_msg=name)
 
 
+@pytest.mark.parametrize("attributes", [{}, {"truncates": True, "control_steps": 66}], ids=["ended", "cut-off"])
 @pytest.mark.parametrize("learner", ["trpo", "ppo", "sac"])
-def test_a_restored_learner_goes_on_bit_for_bit(learner):
+def test_a_restored_learner_goes_on_bit_for_bit(learner, attributes):
     config = dataclasses.replace(SMALL, learner=learner)
-    whole, _ = make(config)
+    whole, _ = make(config, **attributes)
     iterate(whole, 4)
-    begun, _ = make(config)
+    begun, _ = make(config, **attributes)
     iterate(begun, 2)
     state = unpack(*pack(learner_state(begun)))
-    resumed, _ = make(config)
+    resumed, _ = make(config, **attributes)
     restore_learner(resumed, state)
     iterate(resumed, 2)
-    assert resumed.num_timesteps == whole.num_timesteps
+    assert resumed.num_timesteps == whole.num_timesteps == 4 * SMALL.episodes * whole.env.task.control_steps
     assert_same(whole, resumed)
 
 

@@ -105,8 +105,8 @@ def test_the_broom_sweeps_balls_into_the_pan(task, draw):
     state = simulation.reset(*task.context_state(contexts))
     before = task.distance(state, contexts)
     for _ in range(task.control_steps):
-        state = simulation.step(np.array([[-1.0, 1.0, -1.0]]))
-    assert task.distance(state, contexts) < 0.3 * before
+        state = simulation.step(np.array([[-1.0, 1.0, 0.0]]))
+    assert task.distance(state, contexts) < 0.4 * before
 
 
 def test_the_reward_grows_with_every_ball_in_the_pan(task, draw):
