@@ -122,7 +122,7 @@ class Strike(Task):
         effort = np.square(action).sum(axis=1)
         speed = np.square(state.qvel[:, :4]).sum(axis=1)
         hand_to_ball = np.linalg.norm(state.site_xpos[:, 0, :2] - state.qpos[:, 4:], axis=1)
-        return near - 2.0 * miss - 0.1 * np.minimum(hand_to_ball, 0.3) - 0.01 * effort - 0.005 * near * speed
+        return near - 2.0 * miss - 0.1 * np.minimum(hand_to_ball, 0.3) - 0.01 * effort - 0.02 * near * speed
 
     def distance(self, state: State, contexts: Contexts) -> np.ndarray:
         """From the ball to the target's centre, in the table's plane."""
