@@ -154,7 +154,7 @@ class TrackingEnv(gymnasium.Env):
             return 0.0
         torch, target = self._torch, self._target
         with torch.no_grad():
-            image = self._to_images(torch.from_numpy(self._frame(self._env.physics).copy()))[None]
+            image = self._to_images(torch.from_numpy(self._frame(self._env.physics, self.task).copy()))[None]
             features = (self._model.encode(image) - target.features[frame]).square().sum()
             pixels = (image - target.images[frame]).square().sum()
         return -float(features / target.feature_scale + pixels / target.image_scale)
