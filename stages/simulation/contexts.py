@@ -96,6 +96,27 @@ def draw_colours(rng: np.random.Generator, n: int, *far_from: np.ndarray, gap: f
         colours[near] = rng.uniform(0.0, 1.0, (int(near.sum()), 3))
 
 
+def draw_table_and_arm(
+    rng: np.random.Generator,
+    n: int,
+    canonical: tuple[np.ndarray, np.ndarray],
+    *others: np.ndarray,
+    varies: bool,
+    gap: float = 0.4,
+) -> Contexts:
+    """Colours of table and arm: `table_rgb` and `arm_rgb`, (n, 3).
+
+    Args:
+        canonical: Both colours (3,) where they do not vary.
+        others: Colours (3,) of the scene that both keep away from; the arm, by `gap`, from the table, too.
+        varies: Whether they are drawn.
+    """
+    if not varies:
+        return {"table_rgb": np.tile(canonical[0], (n, 1)), "arm_rgb": np.tile(canonical[1], (n, 1))}
+    table = draw_colours(rng, n, *others)
+    return {"table_rgb": table, "arm_rgb": draw_colours(rng, n, *others, table, gap=gap)}
+
+
 def draw_distractors(
     rng: np.random.Generator,
     clear_of: np.ndarray,

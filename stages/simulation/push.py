@@ -17,8 +17,8 @@ from stages.simulation.contexts import (
     ContextDistribution,
     Contexts,
     draw_camera,
-    draw_colours,
     draw_distractors,
+    draw_table_and_arm,
 )
 from stages.simulation.fields import ModelFields
 from stages.simulation.scene import (
@@ -98,11 +98,8 @@ class Push(Task):
     def draw_contexts(self, rng: np.random.Generator, n: int, distribution: ContextDistribution) -> Contexts:
         vary = self.varied(distribution)
         contexts = draw_camera(rng, n, distribution, vary)
-        if "colour" in vary:
-            table = draw_colours(rng, n, RED, WHITE)
-            arm = draw_colours(rng, n, RED, WHITE, table, gap=0.4)
-        else:
-            table, arm = np.tile(CANONICAL_TABLE, (n, 1)), np.tile(CANONICAL_ARM, (n, 1))
+        canonical = (CANONICAL_TABLE, CANONICAL_ARM)
+        colours = draw_table_and_arm(rng, n, canonical, RED, WHITE, varies="colour" in vary)
         if "goal" in vary:
             cylinder, goal = _draw_places(rng, n)
         else:
@@ -110,13 +107,14 @@ class Push(Task):
         noise = rng.uniform(-INITIAL_NOISE, INITIAL_NOISE, (n, 3)) if "initial" in vary else np.zeros((n, 3))
         clearance = GOAL_RADIUS + DISTRACTOR_RADIUS
         clear_of = np.stack([goal, cylinder], axis=1)
-        distractors = draw_distractors(rng, clear_of, clearance, table, RED, WHITE, visible="distractors" in vary)
+        distractors = draw_distractors(
+            rng, clear_of, clearance, colours["table_rgb"], RED, WHITE, visible="distractors" in vary
+        )
         return (
             contexts
+            | colours
             | distractors
             | {
-                "table_rgb": table,
-                "arm_rgb": arm,
                 "goal": goal,
                 "cylinder": cylinder,
                 "initial_qpos": NOMINAL_QPOS + noise,

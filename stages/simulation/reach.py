@@ -16,8 +16,8 @@ from stages.simulation.contexts import (
     ContextDistribution,
     Contexts,
     draw_camera,
-    draw_colours,
     draw_distractors,
+    draw_table_and_arm,
 )
 from stages.simulation.fields import ModelFields
 from stages.simulation.scene import Arm, add_distractors, add_goal, add_table, make_scene
@@ -63,22 +63,23 @@ class Reach(Task):
     def draw_contexts(self, rng: np.random.Generator, n: int, distribution: ContextDistribution) -> Contexts:
         vary = self.varied(distribution)
         contexts = draw_camera(rng, n, distribution, vary)
-        if "colour" in vary:
-            table = draw_colours(rng, n, RED)
-            arm = draw_colours(rng, n, RED, table)
-        else:
-            table, arm = np.tile(CANONICAL_TABLE, (n, 1)), np.tile(CANONICAL_ARM, (n, 1))
+        canonical = (CANONICAL_TABLE, CANONICAL_ARM)
+        colours = draw_table_and_arm(rng, n, canonical, RED, varies="colour" in vary, gap=0.5)
         goal = _draw_goals(rng, n) if "goal" in vary else np.tile(CANONICAL_GOAL, (n, 1))
         noise = rng.uniform(-INITIAL_NOISE, INITIAL_NOISE, (n, 3)) if "initial" in vary else np.zeros((n, 3))
         distractors = draw_distractors(
-            rng, goal[:, None], GOAL_RADIUS + DISTRACTOR_RADIUS, table, RED, visible="distractors" in vary
+            rng,
+            goal[:, None],
+            GOAL_RADIUS + DISTRACTOR_RADIUS,
+            colours["table_rgb"],
+            RED,
+            visible="distractors" in vary,
         )
         return (
             contexts
+            | colours
             | distractors
             | {
-                "table_rgb": table,
-                "arm_rgb": arm,
                 "goal": goal,
                 "initial_qpos": NOMINAL_QPOS + noise,
             }

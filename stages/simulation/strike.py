@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from dm_control import mjcf
 
-from stages.simulation.contexts import RED, ContextDistribution, Contexts, draw_camera, draw_colours
+from stages.simulation.contexts import RED, ContextDistribution, Contexts, draw_camera, draw_table_and_arm
 from stages.simulation.fields import ModelFields
 from stages.simulation.scene import ARM, NOTHING, Arm, add_goal, add_object, add_rim, add_table, make_scene
 from stages.simulation.task import State, Task
@@ -77,20 +77,19 @@ class Strike(Task):
     def draw_contexts(self, rng: np.random.Generator, n: int, distribution: ContextDistribution) -> Contexts:
         vary = self.varied(distribution)
         contexts = draw_camera(rng, n, distribution, vary, distance=CAMERA_DISTANCE)
-        if "colour" in vary:
-            table = draw_colours(rng, n, RED, WHITE)
-            arm = draw_colours(rng, n, RED, WHITE, table, gap=0.4)
-        else:
-            table, arm = np.tile(CANONICAL_TABLE, (n, 1)), np.tile(CANONICAL_ARM, (n, 1))
+        canonical = (CANONICAL_TABLE, CANONICAL_ARM)
+        colours = draw_table_and_arm(rng, n, canonical, RED, WHITE, varies="colour" in vary)
         radius, angle = rng.uniform(*GOAL_RANGE, n), rng.uniform(*GOAL_ANGLE, n)
         goal = BALL + np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
         noise = rng.uniform(-INITIAL_NOISE, INITIAL_NOISE, (n, 4))
-        return contexts | {
-            "table_rgb": table,
-            "arm_rgb": arm,
-            "goal": goal if "goal" in vary else np.tile(CANONICAL_GOAL, (n, 1)),
-            "initial_qpos": NOMINAL_QPOS + noise * ("initial" in vary),
-        }
+        return (
+            contexts
+            | colours
+            | {
+                "goal": goal if "goal" in vary else np.tile(CANONICAL_GOAL, (n, 1)),
+                "initial_qpos": NOMINAL_QPOS + noise * ("initial" in vary),
+            }
+        )
 
     def model_fields(self, contexts: Contexts) -> dict[str, np.ndarray]:
         fields = ModelFields(self.model, contexts).colour(contexts["table_rgb"], "table")

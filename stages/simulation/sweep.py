@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from dm_control import mjcf
 
-from stages.simulation.contexts import ContextDistribution, Contexts, draw_camera, draw_colours
+from stages.simulation.contexts import ContextDistribution, Contexts, draw_camera, draw_table_and_arm
 from stages.simulation.fields import ModelFields
 from stages.simulation.scene import ARM, NOTHING, Arm, add_object, add_rim, add_table, add_wall, make_scene
 from stages.simulation.task import State, Task
@@ -73,20 +73,19 @@ class Sweep(Task):
     def draw_contexts(self, rng: np.random.Generator, n: int, distribution: ContextDistribution) -> Contexts:
         vary = self.varied(distribution)
         contexts = draw_camera(rng, n, distribution, vary)
-        if "colour" in vary:
-            table = draw_colours(rng, n, PAN, GREY)
-            arm = draw_colours(rng, n, PAN, GREY, table, gap=0.4)
-        else:
-            table, arm = np.tile(CANONICAL_TABLE, (n, 1)), np.tile(CANONICAL_ARM, (n, 1))
+        canonical = (CANONICAL_TABLE, CANONICAL_ARM)
+        colours = draw_table_and_arm(rng, n, canonical, PAN, GREY, varies="colour" in vary)
         scale = float("initial" in vary)
         noise = scale * rng.uniform(-INITIAL_NOISE, INITIAL_NOISE, (n, 3))
         balls = BALLS + scale * rng.uniform(-BALL_NOISE, BALL_NOISE, (n, N_BALLS, 2))
-        return contexts | {
-            "table_rgb": table,
-            "arm_rgb": arm,
-            "balls": balls,
-            "initial_qpos": NOMINAL_QPOS + noise,
-        }
+        return (
+            contexts
+            | colours
+            | {
+                "balls": balls,
+                "initial_qpos": NOMINAL_QPOS + noise,
+            }
+        )
 
     def model_fields(self, contexts: Contexts) -> dict[str, np.ndarray]:
         fields = ModelFields(self.model, contexts).colour(contexts["table_rgb"], "table")
