@@ -77,6 +77,7 @@ class TranslatorConfig:
     videos: int = option(16, "Videos a step; each is source of one pair and target of another.", low=2)
     frames: int = option(4, "Frames of each video a step, at the same times in all.", low=1)
     pairings: int = option(1, "Pairings of the videos a step.", low=1)
+    rec_frames: int = option(0, "Frames of each video a step that L_rec reconstructs (0: all).", low=0)
     learning_rate: float = option(1e-3, "Peak learning rate.", low=0)
     schedule: str = option("cosine", "Learning-rate schedule.", ("cosine", "constant"))
     weight_decay: float = option(1e-4, "AdamW's weight decay.", low=0)
@@ -84,7 +85,9 @@ class TranslatorConfig:
     lambda_align: float = option(0.1, "lambda_2, weight of L_align.", low=0)
     without: tuple[str, ...] = option((), "Switch a loss off (repeatable).", LOSSES)
     motion_weight: float = option(0.0, "Extra weight of pixels that differ from the context frame.", low=0)
-    augment: bool = option(True, "Mirror videos and swap green and blue at random.")
+    # Mirrored videos are more data, but another world to learn, too: a robot whose joints bend the other way.
+    mirror: bool = option(True, "Mirror videos at random: for few demonstrations.")
+    swap_colours: bool = option(True, "Swap green and blue at random: for contexts that differ in colour.")
     ema: float = option(0.999, "Decay of the averaged weights (0: none).", low=0, high=1)
     held_out: int = option(256, "Demonstrations never trained on, for the metrics (at most a fifth).", low=2)
     evaluate_every: int = option(500, "Steps between evaluations on held-out demonstrations.", low=1)
@@ -170,7 +173,8 @@ PRESETS: dict[str, dict[str, Any]] = {
             schedule="constant",
             lambda_align=0.02,
             weight_decay=0.0,
-            augment=False,
+            mirror=False,
+            swap_colours=False,
             ema=0.0,
             evaluate_every=1000,
             checkpoint_every=1000,

@@ -57,7 +57,8 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
         out,
         checkpoints,
     )
-    metrics = {name: curve[f"held_out/{name}"][-1] for name in METRICS}
+    measured = evaluate_translator(training.average, frames[-held_out:], device, limit=held_out)
+    metrics = {name: measured[name] for name in METRICS}
     run.progress.say(
         f"held out: {metrics['psnr']:.2f} dB PSNR (copying the context: {metrics['copy_psnr']:.2f}), "
         f"SSIM {metrics['ssim']:.3f} ({metrics['copy_ssim']:.3f}), feature ratio {metrics['feature_ratio']:.2f}"

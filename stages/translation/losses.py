@@ -26,7 +26,12 @@ class LossWeights:
 
 
 def translation_losses(
-    model: Translator, videos: Tensor, contexts: Tensor, sources: list[Tensor], motion_weight: float = 0.0
+    model: Translator,
+    videos: Tensor,
+    contexts: Tensor,
+    sources: list[Tensor],
+    motion_weight: float = 0.0,
+    reconstructed: Tensor | None = None,
 ) -> dict[str, Tensor]:
     """L_trans, L_rec and L_align of pairs of videos, each a sum over pixels or features, averaged over frames.
 
@@ -38,6 +43,7 @@ def translation_losses(
         contexts: First frames o_0 (V, 3, H, W) of the videos.
         sources: Permutations (V,): in pairing m, video sources[m][j] is translated into the context of video j.
         motion_weight: Extra weight of pixels that differ from the context frame (0: the paper's losses).
+        reconstructed: Indices (R,) of the times that L_rec is measured at (None: all K).
 
     Returns:
         Scalars `trans`, `rec` and `align`.
@@ -48,23 +54,24 @@ def translation_losses(
     translated = [
         model.translate(features[source].flatten(0, 1), context).unflatten(0, (count, -1)) for source in sources
     ]
+    shown = slice(None) if reconstructed is None else reconstructed
+    own = features[:, shown]
     # One call of Dec for reconstructions and translations: the context's skips are convolved once for all of them.
-    decoded = model.decode(torch.cat([features, *translated], dim=1).flatten(0, 1), context)
-    reconstruction, *translations = decoded.unflatten(0, (count, -1)).split(videos.shape[1], dim=1)
-    weights = None
+    decoded = model.decode(torch.cat([own, *translated], dim=1).flatten(0, 1), context).unflatten(0, (count, -1))
+    reconstruction, *translations = decoded.split([own.shape[1], *[videos.shape[1]] * len(sources)], dim=1)
+    weights = torch.ones_like(videos[:, :, :1])
     if motion_weight:
         weights = 1.0 + motion_weight * ((videos - contexts[:, None]).abs().amax(dim=2, keepdim=True) > 0.1)
 
+    def squared(images: Tensor, truth: Tensor, weight: Tensor) -> Tensor:
+        squares = (images - truth).square()
+        return (squares * weight if motion_weight else squares).sum() / (count * truth.shape[1])
+
     n = count * videos.shape[1]
-
-    def squared(images: Tensor) -> Tensor:
-        squares = (images - videos).square()
-        return (squares if weights is None else squares * weights).sum() / n
-
     pairings = max(len(sources), 1)
     zero = videos.new_zeros(())
     return {
-        "trans": sum(map(squared, translations), zero) / pairings,
-        "rec": squared(reconstruction),
+        "trans": sum((squared(images, videos, weights) for images in translations), zero) / pairings,
+        "rec": squared(reconstruction, videos[:, shown], weights[:, shown]),
         "align": sum(((z3 - features).square().sum() / n for z3 in translated), zero) / pairings,
     }

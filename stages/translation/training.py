@@ -66,10 +66,10 @@ class TranslatorTraining:
         config = self.config
         for group in self.optimiser.param_groups:
             group["lr"] = self._rate()
-        videos, contexts, sources = self._batch()
+        videos, contexts, sources, reconstructed = self._batch()
         use_amp = config.amp and self.device.startswith("cuda")
         with torch.autocast("cuda", torch.bfloat16, enabled=use_amp):
-            losses = self._losses(self.model, videos, contexts, sources, config.motion_weight)
+            losses = self._losses(self.model, videos, contexts, sources, config.motion_weight, reconstructed)
             total = (
                 self._weights.trans * losses["trans"]
                 + self._weights.rec * losses["rec"]
@@ -95,8 +95,8 @@ class TranslatorTraining:
         cosine = 0.5 * (1 + math.cos(math.pi * self.step / config.steps))
         return config.learning_rate * warm * max(cosine, FINAL_RATE)
 
-    def _batch(self) -> tuple[Tensor, Tensor, list[Tensor]]:
-        """Videos (V, K, 3, H, W), their contexts (V, 3, H, W) and each pairing's sources (V,), for this step."""
+    def _batch(self) -> tuple[Tensor, Tensor, list[Tensor], Tensor | None]:
+        """Videos (V, K, 3, H, W), contexts (V, 3, H, W), each pairing's sources (V,), and the times (R,) of L_rec."""
         config = self.config
         rng = generator(self.seed, "batch", self.step)
         count, times = self._frames.shape[:2]
@@ -104,14 +104,18 @@ class TranslatorTraining:
         moments = 1 + rng.choice(times - 1, min(config.frames, times - 1), replace=False)
         picked = self._frames[torch.from_numpy(chosen)][:, torch.from_numpy(np.concatenate([[0], np.sort(moments)]))]
         images = to_images(picked.to(self.device))
-        if config.augment:
-            # Neither changes what a video means: a mirrored arm and swapped colours are a context like any other.
-            mirrored, swapped = torch.from_numpy(rng.random((2, len(chosen))) < 0.5).to(self.device)
+        # Neither changes what a video means: a mirrored arm and swapped colours are a context like any other.
+        mirrored, swapped = torch.from_numpy(rng.random((2, len(chosen))) < 0.5).to(self.device)
+        if config.mirror:
             images = torch.where(mirrored[:, None, None, None, None], images.flip(-1), images)
+        if config.swap_colours:
             images = torch.where(swapped[:, None, None, None, None], images[:, :, [0, 2, 1]], images)
         shifts = 1 + rng.choice(len(chosen) - 1, min(config.pairings, len(chosen) - 1), replace=False)
         sources = [torch.from_numpy((np.arange(len(chosen)) + shift) % len(chosen)).to(self.device) for shift in shifts]
-        return images[:, 1:], images[:, 0], sources
+        reconstructed = None
+        if 0 < config.rec_frames < len(moments):
+            reconstructed = torch.from_numpy(rng.choice(len(moments), config.rec_frames, replace=False)).to(self.device)
+        return images[:, 1:], images[:, 0], sources, reconstructed
 
     def state(self) -> dict[str, Any]:
         """Everything that decides how training goes on, as a tree of arrays and numbers."""
@@ -143,26 +147,36 @@ def train(
         evaluate: Maps the averaged network to held-out metrics.
 
     Returns:
-        The curve: one value an evaluation of `step`, the training losses and each held-out metric.
+        The curve: one value an evaluation of `step`, of `seconds` since the one before (the evaluation included), of
+        the training losses and of each held-out metric.
 
     Raises:
         Interrupted: By the keyboard; the checkpoint was kept.
     """
     config = training.config
     curve: dict[str, list[float]] = {}
+    before, since = 0.0, time.monotonic()
     if (state := checkpoints.start()) is not None:
         training.restore(state["training"])
-        curve = state["curve"]
+        curve, before = state["curve"], state["seconds"]
     held = {name: values[-1] for name, values in curve.items() if name.startswith("held_out/")}
 
+    def spent() -> float:
+        """Seconds since the last evaluation, those before a resumed run's checkpoint included."""
+        return before + time.monotonic() - since
+
     def measure(losses: dict[str, float]) -> None:
+        nonlocal before, since
         held.update({f"held_out/{name}": value for name, value in evaluate(training.average).items()})
-        row = {"step": float(training.step), **{f"train/{name}": value for name, value in losses.items()}, **held}
+        times = {"step": float(training.step), "seconds": spent()}
+        before, since = 0.0, time.monotonic()
+        row = {**times, **{f"train/{name}": value for name, value in losses.items()}, **held}
         for name, value in row.items():
             curve.setdefault(name, []).append(value)
         board.write(training.step, row)
 
-    start, first = time.monotonic(), training.step
+    since = start = time.monotonic()
+    first = training.step
     try:
         with (
             TensorBoard(sibling(out, ".tensorboard"), training.step) as board,
@@ -177,9 +191,8 @@ def train(
                 shown = {k: held[f"held_out/{k}"] for k in ("psnr", "copy_psnr", "ssim", "feature_ratio") if held}
                 bar.update(training.step, trans=losses["trans"], rec=losses["rec"], **shown)
                 if training.step % config.checkpoint_every == 0 and training.step < config.steps:
-                    checkpoints.save({"training": training.state(), "curve": curve})
+                    checkpoints.save({"training": training.state(), "curve": curve, "seconds": spent()})
     except KeyboardInterrupt as error:
         raise checkpoints.interrupted(f"{training.step} of {config.steps} steps") from error
-    spent = time.monotonic() - start
-    run.progress.say(f"translator: {training.step - first} steps in {spent:.0f} s")
+    run.progress.say(f"translator: {training.step - first} steps in {time.monotonic() - start:.0f} s")
     return curve

@@ -71,7 +71,7 @@ def test_a_loss_that_is_switched_off_does_not_train(loss):
 
 
 def test_learns_to_translate_a_moving_square():
-    config = TranslatorConfig(steps=400, videos=16, frames=3, augment=False, ema=0.98)
+    config = TranslatorConfig(steps=400, videos=16, frames=3, mirror=False, swap_colours=False, ema=0.98)
     training = TranslatorTraining(config, moving_squares(512), 0, "cpu")
     held_out = moving_squares(16, seed=9)
     before = evaluate_translator(training.average, held_out, "cpu")
@@ -85,10 +85,45 @@ def test_learns_to_translate_a_moving_square():
 
 def test_batches_follow_from_the_seed_alone():
     training = TranslatorTraining(CONFIG, moving_squares(32), 3, "cpu")
-    videos, contexts, sources = training._batch()
+    videos, contexts, sources, reconstructed = training._batch()
+    assert reconstructed is None, "all frames"
     assert videos.shape == (4, 2, 3, 16, 16)
     assert contexts.shape == (4, 3, 16, 16)
     assert sorted(sources[0].tolist()) == [0, 1, 2, 3]
     assert not (sources[0] == torch.arange(4)).any(), "no video is translated into its own context"
     again = TranslatorTraining(CONFIG, moving_squares(32), 3, "cpu")._batch()
     assert torch.equal(videos, again[0])
+
+
+def test_reconstructs_as_many_frames_as_asked_and_the_batch_stays_the_same():
+    config = dataclasses.replace(CONFIG, frames=4)
+    every, one = (
+        TranslatorTraining(dataclasses.replace(config, rec_frames=frames), moving_squares(32), 3, "cpu")
+        for frames in (0, 1)
+    )
+    seen = set()
+    for step in range(20):
+        every.step = one.step = step
+        plain, chosen = every._batch(), one._batch()
+        assert plain[3] is None
+        assert torch.equal(plain[0], chosen[0])
+        assert len(chosen[3]) == 1
+        seen.update(chosen[3].tolist())
+    assert seen == set(range(4))
+
+
+def test_mirrors_and_swaps_colours_only_where_asked():
+    def videos(**options) -> torch.Tensor:
+        config = dataclasses.replace(CONFIG, videos=16, **options)
+        return TranslatorTraining(config, moving_squares(32), 3, "cpu")._batch()[0]
+
+    plain = videos(mirror=False, swap_colours=False)
+    for options, change in (
+        ({"swap_colours": False}, lambda v: v.flip(-1)),
+        ({"mirror": False}, lambda v: v[:, :, [0, 2, 1]]),
+    ):
+        altered, changed = videos(**options), change(plain)
+        same = [torch.equal(a, b) for a, b in zip(altered, plain, strict=True)]
+        other = [torch.equal(a, b) for a, b in zip(altered, changed, strict=True)]
+        assert all(a or b for a, b in zip(same, other, strict=True))
+        assert any(same) and not all(same)
