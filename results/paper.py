@@ -54,9 +54,9 @@ class Plan:
 
 PLANS = {
     "reach": Plan(10, 16384, 11000, True, (0.85, 0.90), 0.90),
-    "push": Plan(10, 16384, 10000, False, (0.85, 0.90), 0.90),
-    "sweep": Plan(5, 16384, 4000, False, (1.0, 1.0), 1.0),
-    "strike": Plan(5, 16384, 6000, False, (0.95, 1.0), 0.95),
+    "push": Plan(10, 16384, 5000, False, (0.85, 0.90), 0.90),
+    "sweep": Plan(5, 16384, 3000, False, (1.0, 1.0), 1.0),
+    "strike": Plan(5, 16384, 4000, False, (0.95, 1.0), 0.95),
 }
 PROXIES = {"psnr": 1, "image_ratio": -1, "feature_ratio": -1, "tau_returns": 1}  # name -> sign: +1, more is better
 COLUMNS = (

@@ -25,6 +25,7 @@ from stages.simulation.contexts import Contexts, take
 from stages.simulation.task import State, Task
 
 CHUNK = 256  # demonstrations rolled out and drawn at a time
+TEMPO_KNOTS = 3  # speeds that make a video's tempo
 MAX_ATTEMPTS = 4  # times n: an expert that fails more often than this makes no demonstrations
 
 
@@ -57,6 +58,7 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
     contexts: list[Contexts] = []
     initial: list[np.ndarray] = []
     final: list[np.ndarray] = []
+    played: list[np.ndarray] = []
     kept = dropped = chunks = 0
     chunk = min(CHUNK, config.n)
     with (
@@ -80,7 +82,11 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
             if not len(chosen):
                 continue
             part = take(drawn, chosen)
-            videos[kept - len(chosen) : kept] = pool.render(task.model_fields(part), episode.frame_qpos(task)[chosen])
+            times = playback(generator(run.seed, "tempo", chunks - 1), chunk, task.frames, config.jitter)[chosen]
+            steps = np.rint(times * task.frame_every).astype(int)
+            qpos = np.take_along_axis(episode.qpos[chosen], steps[:, :, None], axis=1)
+            videos[kept - len(chosen) : kept] = pool.render(task.model_fields(part), qpos)
+            played.append(times)
             contexts.append(part)
             initial.append(episode.initial_distance[chosen])
             final.append(episode.final_distance[chosen])
@@ -93,6 +99,7 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
         "frames": videos,
         "initial_distance": initial_distance,
         "final_distance": final_distance,
+        **({"playback": np.concatenate(played)} if config.jitter else {}),
         **{f"contexts/{name}": np.concatenate([part[name] for part in contexts]) for name in contexts[0]},
     }
     described = full_config("collect-demos", config, run, task=task_name, dropped=dropped)
@@ -116,6 +123,18 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
         "video": str(sibling(out, ".mp4")),
     }
     return StageResult(out, summary)
+
+
+def playback(rng: np.random.Generator, n: int, frames: int, jitter: float) -> np.ndarray:
+    """What each frame of n videos shows: times (n, T) in frames of the plain video, from 0 and never falling.
+
+    A video's tempo starts, passes its middle and ends at speeds drawn from [1 - jitter, 1 + jitter], with straight
+    lines between. Fast ones rest on the last frame; slow ones stop before it. Without jitter: 0, 1, 2, ...
+    """
+    speeds = rng.uniform(1 - jitter, 1 + jitter, (n, TEMPO_KNOTS))
+    at = np.linspace(0, TEMPO_KNOTS - 1, frames - 1)
+    steps = np.stack([np.interp(at, np.arange(TEMPO_KNOTS), knots) for knots in speeds])
+    return np.minimum(np.concatenate([np.zeros((n, 1)), steps.cumsum(axis=1)], axis=1), frames - 1)
 
 
 def _roll_out(task: Task, policy, contexts: Contexts, workers: int):

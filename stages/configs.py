@@ -12,6 +12,7 @@ TASKS = ("reach", "push", "sweep", "strike")
 CONTEXTS = ("paper", "narrow", "fixed")
 ARCHITECTURES = ("compact", "paper")
 LOSSES = ("trans", "rec", "align")
+ALIGNMENTS = ("none", "dtw")
 REWARDS = ("translation", "oracle", "video")
 REWARD_TERMS = ("feat", "img")
 RAMPS = ("task", "none", "quadratic")
@@ -66,6 +67,7 @@ class DemosConfig:
     contexts: str = option("paper", "Contexts to draw from" + VIEWPOINTS, CONTEXTS)
     vary: str = option("", VARY)
     keep_failures: bool = option(False, "Keep demonstrations in which the expert failed.")
+    jitter: float = option(0.0, "Play each video at its own tempo, which wanders by up to this share.", low=0, high=1)
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,9 @@ class TranslatorConfig:
     lambda_rec: float = option(1.0, "lambda_1, weight of L_rec.", low=0)
     lambda_align: float = option(0.1, "lambda_2, weight of L_align.", low=0)
     without: tuple[str, ...] = option((), "Switch a loss off (repeatable).", LOSSES)
+    align: str = option(
+        "none", "What pairs frames of two videos: equal time (none), or soft dynamic time warping (dtw).", ALIGNMENTS
+    )
     motion_weight: float = option(0.0, "Extra weight of pixels that differ from the context frame.", low=0)
     # Mirrored videos are more data, but another world to learn, too: a robot whose joints bend the other way.
     mirror: bool = option(True, "Mirror videos at random: for few demonstrations.")
@@ -102,6 +107,7 @@ class TranslateConfig:
 
     n: int = option(200, "Demonstrations to translate and average.", low=1)
     split: str = option("held-out", "Demonstrations to translate.", SPLITS)
+    align: str = option("", "Align translations in time before averaging (default: as in training).", ALIGNMENTS)
     context_seed: int = option(0, "Seed of the learner's context.", low=0)
     contexts: str = option("", "Distribution of the learner's context (default: that of the demonstrations).", CONTEXTS)
     vary: str = option("", "What varies in the learner's context (default: what does in the demonstrations).")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,10 @@ from stages.checkpoints import Checkpoints
 from stages.configs import LOSSES, TranslatorConfig
 from stages.run import RunOptions, StageResult, environment, full_config, pick_device, pick_workers
 
+if TYPE_CHECKING:
+    from stages.translation.networks import Translator
+
+SHOWN_HELD_OUT = 32  # held-out demonstrations that the evaluations on the way look at; the last looks at all
 METRICS = (
     "psnr",
     "copy_psnr",
@@ -33,11 +38,14 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
     import torch
 
     from stages.threads import use_threads
+    from stages.translation.alignment import require_tslearn, video_index
     from stages.translation.evaluation import evaluate_translator
     from stages.translation.training import TranslatorTraining, train
 
     if set(config.without) >= set(LOSSES):
         raise UsageError("--without trans, rec and align leaves no loss to train on: keep one of the three")
+    if config.align == "dtw":
+        require_tslearn()
     source = read_artifact(demos, "demos")
     device = pick_device(run.device)
     use_threads(pick_workers(run.workers))
@@ -49,15 +57,18 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
     training = TranslatorTraining(config, frames[:-held_out], run.seed, device)
     described = full_config("train-translator", config, run, task=source.config.get("task"))
     described |= {"demonstrations": len(frames), "held_out_demonstrations": held_out, "size": list(frames.shape[2:4])}
+
+    def evaluate(model: Translator, limit: int = SHOWN_HELD_OUT) -> dict[str, float]:
+        """Held-out metrics; of videos at one tempo, where videos are aligned."""
+        videos = frames[-held_out:][:limit]
+        if config.align == "dtw":
+            index = torch.from_numpy(video_index(model, videos, frames[0, 0], device))
+            videos = videos[torch.arange(len(videos))[:, None], index]
+        return evaluate_translator(model, videos, device)
+
     checkpoints = Checkpoints(run, out, "train-translator", described, [source.path])
-    curve = train(
-        training,
-        lambda model: evaluate_translator(model, frames[-held_out:], device),
-        run,
-        out,
-        checkpoints,
-    )
-    measured = evaluate_translator(training.average, frames[-held_out:], device, limit=held_out)
+    curve = train(training, evaluate, run, out, checkpoints)
+    measured = evaluate(training.average, held_out)
     metrics = {name: measured[name] for name in METRICS}
     run.progress.say(
         f"held out: {metrics['psnr']:.2f} dB PSNR (copying the context: {metrics['copy_psnr']:.2f}), "

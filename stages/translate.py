@@ -47,12 +47,16 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     from stages.simulation.gl import choose_backend
     from stages.threads import use_threads
     from stages.train_translator import load_translator
+    from stages.translation.alignment import at_index, common_index, require_tslearn
     from stages.translation.networks import to_frames, to_images
 
     source = read_artifact(translator, "translator")
     demos = source.parent("demos", check=True)
     device = pick_device(run.device)
     use_threads(pick_workers(run.workers))
+    align = config.align or source.config.get("align", "none")
+    if align == "dtw":
+        require_tslearn()
     model = load_translator(source, device)
     where = Path(config.context_image).stem if config.context_image else f"c{config.context_seed}"
     out = run.out or default_path(source.path.parent, f"{stem_of(source.path)}-{where}", "translation")
@@ -83,6 +87,9 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
             images.append(decoded.unflatten(0, videos.shape[:2]).cpu())
             bar.update(min(start + CHUNK, len(frames)))
     all_features, all_images = torch.cat(features), torch.cat(images)
+    if align == "dtw":
+        index = common_index(all_features.numpy())
+        all_features, all_images = at_index(all_features, index), at_index(all_images, index)
     target_features, target_images = all_features.mean(dim=0), all_images.mean(dim=0)
     arrays: dict[str, np.ndarray] = {
         "context_frame": frame,
@@ -117,6 +124,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     else:
         plot.unlink(missing_ok=True)  # Of what stood here before.
     described = full_config("translate", config, run, task=source.config.get("task"))
+    described["align"] = align
     described["contexts"], described["vary"] = ("", "") if config.context_image else _contexts_of(config, demos)
     mean = np.clip(arrays["target_images"], 0, 255).round().astype(np.uint8)
     rows = [[frames[k], frame, arrays["images"][k]] for k in range(min(SHOWN, len(frames)))]

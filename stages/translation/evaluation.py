@@ -12,8 +12,8 @@ CHUNK = 8  # videos at a time
 
 
 @torch.no_grad()
-def evaluate_translator(model: Translator, frames: Tensor, device: str, limit: int = 32) -> dict[str, float]:
-    """Translate each of the first `limit` held-out demonstrations into the context of the next one.
+def evaluate_translator(model: Translator, frames: Tensor, device: str) -> dict[str, float]:
+    """Translate each held-out demonstration into the context of the one before.
 
     Args:
         frames: Held-out demonstrations (N, T, H, W, 3), uint8; two at least.
@@ -23,12 +23,12 @@ def evaluate_translator(model: Translator, frames: Tensor, device: str, limit: i
         squared differences a frame in [0, 1]) and `align` (a sum over features), the same of copying the context
         frame (`copy_psnr`, `copy_ssim`, `copy_trans`, of its features `copy_align`), and the median `feature_ratio`.
     """
-    count = min(limit, len(frames))
+    count = len(frames)
     totals: dict[str, list[Tensor]] = {}
     for start in range(0, count, CHUNK):
         index = torch.arange(start, min(start + CHUNK, count))
         target = to_images(frames[index].to(device))
-        source = to_images(frames[(index + 1) % len(frames)].to(device))
+        source = to_images(frames[(index + 1) % count].to(device))
         videos, times = target.shape[:2]
         context = model.encode_context(target[:, 0])
         features = model.encode(target.flatten(0, 1))

@@ -20,12 +20,14 @@ from stages.configs import TranslatorConfig
 from stages.run import RunOptions
 from stages.seeding import generator, integer
 from stages.state import from_tree, to_tree
+from stages.translation.alignment import video_index
 from stages.translation.losses import LossWeights, translation_losses
 from stages.translation.networks import Translator, make_translator, to_images
 
 WARM_UP = 200  # steps to the peak learning rate
 FINAL_RATE = 0.02  # of the peak, at the end of the cosine
 GRADIENT_NORM = 50.0
+ALIGN_AT = (0.2, 0.5)  # shares of the steps after which videos are aligned, and aligned better
 
 
 class TranslatorTraining:
@@ -42,6 +44,7 @@ class TranslatorTraining:
         """
         self.config, self.seed, self.device = config, seed, device
         self._frames = frames
+        self._index: np.ndarray | None = None  # Frames (N, T) that bring the videos to one tempo.
         self.step = 0
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(integer(seed, "translator"))
@@ -102,7 +105,9 @@ class TranslatorTraining:
         count, times = self._frames.shape[:2]
         chosen = rng.choice(count, min(config.videos, count), replace=False)
         moments = 1 + rng.choice(times - 1, min(config.frames, times - 1), replace=False)
-        picked = self._frames[torch.from_numpy(chosen)][:, torch.from_numpy(np.concatenate([[0], np.sort(moments)]))]
+        shown = np.concatenate([[0], np.sort(moments)])
+        index = np.tile(shown, (len(chosen), 1)) if self._index is None else self._index[chosen][:, shown]
+        picked = self._frames[torch.from_numpy(chosen)[:, None], torch.from_numpy(index)]
         images = to_images(picked.to(self.device))
         # Neither changes what a video means: a mirrored arm and swapped colours are a context like any other.
         mirrored, swapped = torch.from_numpy(rng.random((2, len(chosen))) < 0.5).to(self.device)
@@ -117,10 +122,17 @@ class TranslatorTraining:
             reconstructed = torch.from_numpy(rng.choice(len(moments), config.rec_frames, replace=False)).to(self.device)
         return images[:, 1:], images[:, 0], sources, reconstructed
 
+    def align(self) -> None:
+        """Bring all videos to one tempo by what the network has learned so far, if they are to be aligned now."""
+        due = (round(share * self.config.steps) for share in ALIGN_AT)
+        if self.config.align == "dtw" and self.step in due:
+            self._index = video_index(self.average, self._frames, self._frames[0, 0], self.device)
+
     def state(self) -> dict[str, Any]:
         """Everything that decides how training goes on, as a tree of arrays and numbers."""
         return {
             "step": self.step,
+            **({} if self._index is None else {"index": self._index}),
             "model": to_tree(self.model.state_dict()),
             "average": to_tree(self.average.state_dict()),
             "optimiser": to_tree(self.optimiser.state_dict()),
@@ -129,6 +141,7 @@ class TranslatorTraining:
     def restore(self, state: dict[str, Any]) -> None:
         """Put `state` back, bit for bit."""
         self.step = state["step"]
+        self._index = state.get("index")
         self.model.load_state_dict(from_tree(state["model"]))
         self.average.load_state_dict(from_tree(state["average"]))
         self.optimiser.load_state_dict(from_tree(state["optimiser"]))
@@ -185,6 +198,7 @@ def train(
             if config.steps == 0:
                 measure({})
             while training.step < config.steps:
+                training.align()
                 losses = training.train_step()
                 if training.step % config.evaluate_every == 0 or training.step == config.steps:
                     measure(losses)

@@ -1,0 +1,106 @@
+"""Alignment in time by soft dynamic time warping (Cuturi and Blondel, 2017), of videos that show the same at their
+own tempo.
+
+The paper pairs frames of equal time (Sec. IV.A), as if all demonstrators kept one tempo. Here every video gets an index
+of frames that brings it to a common tempo; what follows (pairs of frames, means over demonstrations) works on equal
+times again. Videos of different contexts are compared by their features after translation into one and the same
+context, which is what the translator is for.
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from artifacts import UsageError
+from stages.translation.networks import Translator, to_images
+
+SMOOTHING = 0.1  # soft-DTW's gamma, in units of the mean squared distance between two frames of a video
+REFERENCES = 64  # sequences that the common tempo is found from
+ROUNDS = 15  # of the barycentre's optimiser
+CHUNK = 32  # videos encoded at a time
+
+
+def require_tslearn() -> None:
+    """Refuse to go on without tslearn.
+
+    Raises:
+        UsageError: It is missing.
+    """
+    if find_spec("tslearn") is None:
+        raise UsageError("--align dtw needs tslearn, which is not installed: pip install 'ifo[align]'")
+
+
+def common_index(sequences: np.ndarray) -> np.ndarray:
+    """Frames that bring each sequence to the tempo that all have in common.
+
+    Args:
+        sequences: Features of n videos, comparable between videos, (n, T, D).
+
+    Returns:
+        Fractional frame indices (n, T), from 0, never falling: sequence i at `index[i, t]` shows what the soft-DTW
+        barycentre shows at time t.
+
+    Raises:
+        UsageError: tslearn is missing.
+    """
+    require_tslearn()
+    from tslearn.barycenters import softdtw_barycenter
+    from tslearn.metrics import soft_dtw_alignment
+
+    scaled = _scaled(sequences.astype(np.float64))
+    if scaled.shape[2] == 0:  # Nothing moves: an untrained network, or videos that stand still.
+        return np.tile(np.arange(scaled.shape[1], dtype=np.float64), (len(scaled), 1))
+    few = scaled[np.linspace(0, len(scaled) - 1, min(REFERENCES, len(scaled))).astype(int)]
+    # From the most typical sequence, not from their mean: a mean over many tempos is a blur that none goes through.
+    typical = few[np.square(few - few.mean(axis=0)).sum(axis=(1, 2)).argmin()]
+    centre = softdtw_barycenter(list(few), gamma=SMOOTHING, init=typical, max_iter=ROUNDS)
+    times = np.arange(scaled.shape[1])
+    index = np.empty(scaled.shape[:2])
+    for k, sequence in enumerate(scaled):
+        path, _ = soft_dtw_alignment(sequence, centre, gamma=SMOOTHING)
+        index[k] = (path * times[:, None]).sum(axis=0) / path.sum(axis=0).clip(1e-12)
+    index[:, 0] = 0.0  # The context frame stays the first.
+    return np.maximum.accumulate(index, axis=1)
+
+
+def _scaled(sequences: np.ndarray) -> np.ndarray:
+    """Sequences (n, T, D) whose mean squared distance between two frames is one, in the directions they move in."""
+    moved = sequences - sequences.mean(axis=1, keepdims=True)
+    # A few directions hold what moves; soft-DTW's cost grows with their number.
+    values, directions = np.linalg.eigh(np.einsum("ntd,nte->de", moved, moved) / moved[..., 0].size)
+    kept = directions[:, values > values[-1] * 1e-3][:, -16:]
+    return sequences @ kept / np.sqrt(max(2 * values.sum(), 1e-12))
+
+
+def at_index(values: Tensor, index: np.ndarray) -> Tensor:
+    """Values (n, T, ...) at fractional times (n, T), interpolated between neighbours."""
+    low = np.floor(index).astype(np.int64).clip(0, values.shape[1] - 1)
+    high = (low + 1).clip(0, values.shape[1] - 1)
+    share = torch.from_numpy(index - low).to(values.dtype)
+    rows = torch.arange(len(values))[:, None]
+    share = share.reshape(*share.shape, *[1] * (values.ndim - 2))
+    return values[rows, torch.from_numpy(low)] * (1 - share) + values[rows, torch.from_numpy(high)] * share
+
+
+@torch.no_grad()
+def video_index(model: Translator, frames: Tensor, reference: Tensor, device: str) -> np.ndarray:
+    """The frames of each video that bring all to one tempo, by their translations into one context.
+
+    Args:
+        frames: Videos (N, T, H, W, 3), uint8.
+        reference: The context frame (H, W, 3), uint8.
+
+    Returns:
+        Whole frame indices (N, T).
+    """
+    context = model.encode_context(to_images(reference[None].to(device)))
+    features = []
+    for start in range(0, len(frames), CHUNK):
+        videos = frames[start : start + CHUNK]
+        z3 = model.translate(model.encode(to_images(videos.flatten(0, 1).to(device))), context)
+        features.append(z3.unflatten(0, videos.shape[:2]).cpu().numpy())
+    return np.rint(common_index(np.concatenate(features))).astype(np.int64)

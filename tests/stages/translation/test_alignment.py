@@ -1,0 +1,87 @@
+"""Soft-DTW brings videos of different tempo to one, and does nothing to those that have one already."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from artifacts import UsageError
+from stages.collect_demos import playback
+from stages.configs import TranslatorConfig
+from stages.translation import alignment
+from stages.translation.alignment import at_index, common_index
+from stages.translation.training import ALIGN_AT, TranslatorTraining
+
+T = 25
+
+
+def sequences(times: np.ndarray, noise: float = 0.02) -> np.ndarray:
+    """Features (n, T, 6) of something that moves along a curve and comes to rest, seen at `times` (n, T)."""
+    s = np.minimum(times / 12, 1.0)
+    shape = [s, s**2, np.sin(3 * s), np.cos(2 * s), np.zeros_like(s), np.ones_like(s)]
+    return np.stack(shape, axis=-1) + noise * np.random.default_rng(1).normal(size=(*s.shape, 6))
+
+
+def spread(times: np.ndarray, index: np.ndarray) -> float:
+    """How much the videos differ, in frames, in what they show at one time: where they all still move."""
+    shown = np.stack([np.interp(i, np.arange(T), t) for i, t in zip(index, times, strict=True)])
+    moving = shown.mean(axis=0) < 9
+    return float(shown[:, moving].std(axis=0).mean())
+
+
+def test_videos_at_their_own_tempo_are_brought_to_one():
+    times = playback(np.random.default_rng(0), 40, T, jitter=0.4)
+    index = common_index(sequences(times))
+    assert index.shape == times.shape
+    assert (index[:, 0] == 0).all() and (np.diff(index, axis=1) >= 0).all() and (index <= T - 1).all()
+    unaligned = spread(times, np.tile(np.arange(T), (40, 1)))
+    assert unaligned > 0.7
+    assert spread(times, index) < unaligned / 2
+
+
+def test_videos_of_one_tempo_keep_it():
+    times = np.tile(np.arange(T), (20, 1))
+    index = common_index(sequences(times))
+    assert np.abs(index - times)[:, :12].mean() < 0.5
+
+
+def test_values_between_frames_are_interpolated():
+    values = torch.arange(12.0).reshape(2, 3, 2)
+    index = np.array([[0.0, 0.5, 2.0], [0.25, 1.0, 1.75]])
+    expected = torch.tensor([[[0, 1], [1, 2], [4, 5]], [[6.5, 7.5], [8, 9], [9.5, 10.5]]])
+    torch.testing.assert_close(at_index(values, index), expected)
+
+
+def test_playback_keeps_its_bounds():
+    times = playback(np.random.default_rng(0), 500, T, jitter=0.4)
+    steps = np.diff(times, axis=1)
+    assert (times[:, 0] == 0).all() and (times <= T - 1).all() and (steps >= 0).all()
+    free = steps[times[:, 1:] < T - 1]
+    assert free.min() >= 0.6 - 1e-9 and free.max() <= 1.4 + 1e-9
+    assert free.min() < 0.65 and free.max() > 1.35
+    assert np.array_equal(playback(np.random.default_rng(0), 3, T, jitter=0.0), np.tile(np.arange(T), (3, 1)))
+
+
+def test_without_tslearn_one_line_says_what_to_install(monkeypatch):
+    monkeypatch.setattr(alignment, "find_spec", lambda name: None)
+    with pytest.raises(UsageError, match=r"ifo\[align\]"):
+        common_index(sequences(np.tile(np.arange(T), (3, 1))))
+
+
+def test_training_pairs_the_frames_that_the_alignment_names():
+    frames = torch.randint(0, 255, (12, 6, 16, 16, 3), dtype=torch.uint8)
+    config = TranslatorConfig(steps=10, videos=4, frames=5, mirror=False, swap_colours=False, align="dtw")
+    training = TranslatorTraining(config, frames, 0, "cpu")
+    plain = training._batch()[0]
+    for step in range(config.steps):
+        training.step = step
+        training.align()
+        assert (training._index is not None) == (step >= ALIGN_AT[0] * config.steps)
+    training.step = 0
+    late = np.array([0, 2, 3, 4, 5, 5])
+    training._index = np.tile(late, (12, 1))
+    torch.testing.assert_close(training._batch()[0], plain[:, late[1:] - 1])
+    resumed = TranslatorTraining(dataclasses.replace(config), frames, 0, "cpu")
+    resumed.restore(training.state())
+    torch.testing.assert_close(resumed._batch()[0], training._batch()[0])
