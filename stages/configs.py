@@ -126,6 +126,9 @@ class PolicyConfig(LearnerConfig):
     reward: str = option("translation", "Reward: the paper's, the true distance, or the true expert video.", REWARDS)
     without: tuple[str, ...] = option((), "Switch a term of the reward off (repeatable).", REWARD_TERMS)
     image_weight: float = option(1.0, "w_rec, weight of R_img beside R_feat, both scaled to order one.", low=0)
+    negatives: int = option(
+        0, "Tune the features on the learner's own frames every this many iterations (0: never).", low=0
+    )
     ramp: str = option("task", "Weight of a frame's reward over time; task: as the paper has it.", RAMPS)
 
 

@@ -41,6 +41,8 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
 
     if config.reward != "oracle" and set(config.without) >= set(REWARD_TERMS):
         raise UsageError("--without feat --without img leaves no reward to learn from: keep one of the two")
+    if config.negatives and (config.reward != "translation" or "feat" in config.without):
+        raise UsageError("--negatives tunes the features of --reward translation: use it with them, or leave it out")
     choose_backend()
     source = load_translation(translation)
     task = make_task(source.config["task"])
@@ -50,7 +52,7 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     suffix = "" if config.reward == "translation" else f"-{config.reward}"
     suffix += "" if run.seed == source.manifest.seed else f"-s{run.seed}"
     out = run.out or default_path(source.path.parent, stem_of(source.path) + suffix, "policy")
-    reward = make_reward(config, task, source, contexts, workers, device)
+    reward = make_reward(config, task, source, contexts, workers, run.seed, device)
     try:
         env = EpisodeEnv(task, config.episodes, run.seed, lambda rng, n: repeat(contexts, n), reward, nthread=workers)
         described = full_config("learn-policy", config, run, task=task.name)
@@ -96,7 +98,7 @@ def _finite(metrics: dict[str, np.ndarray]) -> dict[str, float]:
 
 
 def make_reward(
-    config: PolicyConfig, task: Task, source: Artifact, contexts: Contexts, workers: int, device: str
+    config: PolicyConfig, task: Task, source: Artifact, contexts: Contexts, workers: int, seed: int, device: str
 ) -> Any:
     """The reward that `config` names.
 
@@ -105,6 +107,7 @@ def make_reward(
     """
     import torch
 
+    from stages.rewards.negatives import NegativeTuning
     from stages.rewards.state import OracleReward
     from stages.rewards.translation import TrackingTarget, TranslationReward
     from stages.simulation.render import RenderPool
@@ -127,9 +130,14 @@ def make_reward(
     feature_scale, image_scale = float(source["feature_scale"]), float(source["image_scale"])
     model = load_translator(source.parent("translator", check=True), device)
     target = TrackingTarget(torch.from_numpy(features).to(device), images.to(device), feature_scale, image_scale)
+    tuning = None
+    if config.negatives:
+        tuning = NegativeTuning(model, target, source["images"], config.negatives, seed, device)
     pool = RenderPool.of(task, workers)
     ramp = task.ramp if config.ramp == "task" else config.ramp
-    return TranslationReward(task, contexts, model, target, pool, config.without, config.image_weight, ramp, device)
+    return TranslationReward(
+        task, contexts, model, target, pool, config.without, config.image_weight, ramp, device, tuning
+    )
 
 
 def policy_video(task: Task, policy: Any, contexts: Contexts, pool: Any) -> np.ndarray:

@@ -47,6 +47,7 @@ def learn(
     done = 0
     if (state := checkpoints.start()) is not None:
         restore_learner(model, state["learner"])
+        env.reward.restore(state["reward"])
         curve, done = state["curve"], state["done"]
     samples = env.num_envs * env.task.control_steps
     threshold = env.task.success_threshold
@@ -60,6 +61,7 @@ def learn(
                 start = time.monotonic()
                 model.learn(samples, reset_num_timesteps=False)
                 done += 1
+                env.reward.iterate()
                 distances = env.pop_distances()
                 row = {
                     "iteration": float(done),
@@ -75,7 +77,9 @@ def learn(
                 board.write(done, row)
                 bar.update(done, distance=row["normalised_distance"], returns=row["return"])
                 if done % config.checkpoint_every == 0 and done < config.iterations:
-                    checkpoints.save({"learner": learner_state(model), "curve": curve, "done": done})
+                    checkpoints.save(
+                        {"learner": learner_state(model), "reward": env.reward.state(), "curve": curve, "done": done}
+                    )
     except KeyboardInterrupt as error:
         # The learner stands between two states: only the checkpoint's counts.
         raise checkpoints.interrupted(f"{done} of {config.iterations} iterations") from error

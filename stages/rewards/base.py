@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -19,6 +19,18 @@ class Reward(Protocol):
 
     def terms(self) -> dict[str, float]:
         """Mean return an episode of each of the reward's terms since the last call; forgets them."""
+        ...
+
+    def iterate(self) -> None:
+        """End an iteration of the learner: a reward that learns from rollouts changes here, and only here."""
+        ...
+
+    def state(self) -> dict[str, Any]:
+        """What has changed since the reward was made, as a tree of arrays and numbers (for checkpoints)."""
+        ...
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Put `state` back."""
         ...
 
     def close(self) -> None:

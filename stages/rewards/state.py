@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import Any
 
 import numpy as np
 
@@ -31,6 +32,15 @@ class StateReward(ABC):
         total = float(np.mean(np.sum(self._returns, axis=0))) / episodes if self._returns else 0.0
         self._returns.clear()
         return {"return": total}
+
+    def iterate(self) -> None:  # noqa: B027 - it never changes
+        """Change nothing."""
+
+    def state(self) -> dict[str, Any]:
+        return {}
+
+    def restore(self, state: dict[str, Any]) -> None:  # noqa: B027 - it has no state
+        """Restore nothing."""
 
     def close(self) -> None:  # noqa: B027 - nothing to free here, and nothing to demand of subclasses
         """Free nothing."""

@@ -11,6 +11,7 @@ demonstrations. An episode that stands still returns about -1 a term, one that f
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -20,6 +21,9 @@ from stages.simulation.contexts import Contexts
 from stages.simulation.render import RenderPool
 from stages.simulation.task import State, Task
 from stages.translation.networks import Translator, to_images
+
+if TYPE_CHECKING:
+    from stages.rewards.negatives import NegativeTuning
 
 
 @dataclass(frozen=True)
@@ -68,18 +72,23 @@ class TranslationReward:
         image_weight: float = 1.0,
         ramp: str = "none",
         device: str = "cpu",
+        tuning: NegativeTuning | None = None,
     ):
         """Track `target` in `context` (leading axis 1); `without` switches off `feat` or `img`.
 
-        `ramp` "quadratic" weights frame j by j^2, scaled to a mean of one.
+        `ramp` "quadratic" weights frame j by j^2, scaled to a mean of one. With `tuning`, the features are those of
+        its network, tuned on what the learner does.
         """
-        self._task, self._model, self._target, self._pool, self._device = task, model, target, pool, device
+        self._tuning = tuning
+        self._task, self._target, self._pool, self._device = task, target, pool, device
+        self._model = model if tuning is None else tuning.model
         self._fields = task.model_fields(context)
         self._use = {term: term not in without for term in ("feat", "img")}
         self._image_weight = image_weight
         self._time_weight = time_weights(ramp, task.frames)
         self._sums = {"feat": 0.0, "img": 0.0, "return": 0.0}
         self._episodes = 0
+        self._ranked = float("nan")
 
     @torch.no_grad()
     def __call__(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
@@ -88,7 +97,10 @@ class TranslationReward:
         frame, between = divmod(step, self._task.frame_every)
         if between or frame >= self._task.frames:
             return np.zeros(len(state.qpos))
-        images = to_images(torch.from_numpy(self._pool.render(self._fields, state.qpos[None])[0]).to(self._device))
+        drawn = self._pool.render(self._fields, state.qpos[None])[0]
+        if self._tuning is not None:
+            self._tuning.see(frame, drawn)
+        images = to_images(torch.from_numpy(drawn).to(self._device))
         weight = float(self._time_weight[frame])
         total = np.zeros(len(images))
         if self._use["feat"]:
@@ -108,7 +120,19 @@ class TranslationReward:
     def terms(self) -> dict[str, float]:
         means = {name: value / max(self._episodes, 1) for name, value in self._sums.items()}
         self._sums, self._episodes = dict.fromkeys(self._sums, 0.0), 0
-        return {name: value for name, value in means.items() if name == "return" or self._use[name]}
+        shown = {name: value for name, value in means.items() if name == "return" or self._use[name]}
+        return shown if self._tuning is None else {**shown, "ranked": self._ranked}
+
+    def iterate(self) -> None:
+        if self._tuning is not None:
+            self._ranked = self._tuning.iterate()
+
+    def state(self) -> dict[str, Any]:
+        return {} if self._tuning is None else self._tuning.state()
+
+    def restore(self, state: dict[str, Any]) -> None:
+        if self._tuning is not None:
+            self._tuning.restore(state)
 
     def close(self) -> None:
         self._pool.close()

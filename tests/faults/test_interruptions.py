@@ -83,7 +83,10 @@ CASES = {
         "translator",
     ),
     "learn-policy": (
-        ("learn-policy", "runs/reach-toy-c0.translation.h5", "--iterations", 12, "--checkpoint-every", 2),
+        (
+            *("learn-policy", "runs/reach-toy-c0.translation.h5", "--iterations", 12, "--checkpoint-every", 2),
+            *("--negatives", 3),
+        ),
         "policy",
     ),
 }

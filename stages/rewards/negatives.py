@@ -1,0 +1,132 @@
+"""Fine-tuning Enc1 on the learner's own frames.
+
+Enc1 has never seen what an unskilled policy does, and may rate it too kindly: the weak place that the paper names
+(Sec. V.A) and meets with R_img. Here the learner's frames are negatives (as in Rank2Reward and BootIfOL): the features
+learn to rank each of them behind translated demonstrations of the same time, by as much as its pixels are further from
+the target. A frame that looks like the target is no negative, so the ranking stays true while the policy gets better.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional as F
+
+from stages.rewards.translation import TrackingTarget
+from stages.seeding import generator
+from stages.state import from_tree, to_tree
+from stages.translation.networks import Translator, to_images
+
+BATCH = 64  # positives, and as many negatives, a step
+STEPS = 20  # of the optimiser, each time the features are tuned
+LEARNING_RATE = 1e-4
+KEEP = 1.0  # weight of what keeps the features of demonstrations where they were
+SEEN = 8  # of the learner's frames kept, of each time and episode batch
+CAPACITY = 64  # of the learner's frames kept, of each time: the oldest make way
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Squared distances (B,) from the target of their time, over the mean a frame of what demonstrations move."""
+
+    features: Tensor
+    pixels: Tensor
+
+
+class NegativeTuning:
+    """Keeps the learner's frames and tunes a copy of the translator's Enc1 on them.
+
+    Attributes:
+        model: The network whose `encode` is tuned.
+        every: Iterations of the learner between tunings.
+    """
+
+    def __init__(
+        self, model: Translator, target: TrackingTarget, positives: np.ndarray, every: int, seed: int, device: str
+    ):
+        """Tune for `target`; `positives` are translated demonstrations (N, T, H, W, 3), uint8."""
+        self.model = copy.deepcopy(model).requires_grad_(True)
+        self.every = every
+        self._original, self._target, self._positives = model, target, positives
+        self._seed, self._device = seed, device
+        self._optimiser = torch.optim.Adam(self.model.parameters(), lr=LEARNING_RATE)
+        frames = positives.shape[1]
+        self._seen = np.zeros((frames, CAPACITY, *positives.shape[2:]), np.uint8)
+        self._counts = np.zeros(frames, np.int64)
+        self._iteration = 0
+
+    def see(self, frame: int, images: np.ndarray) -> None:
+        """Keep some of the learner's images (n, H, W, 3), uint8, of frame index `frame`."""
+        for image in images[np.linspace(0, len(images) - 1, min(SEEN, len(images))).astype(int)]:
+            self._seen[frame, self._counts[frame] % CAPACITY] = image
+            self._counts[frame] += 1
+
+    def iterate(self) -> float:
+        """End an iteration of the learner, and tune if it is time.
+
+        Returns:
+            The share of pairs of a demonstration's frame and a negative that the features ranked rightly (before).
+        """
+        rng = generator(self._seed, "negatives", self._iteration)
+        self._iteration += 1
+        with torch.no_grad():
+            ranked = float((self._gap(*self._batch(rng)) > 0).float().mean())
+        if self._iteration % self.every == 0:
+            for _ in range(STEPS):
+                self._optimiser.zero_grad(set_to_none=True)
+                self._loss(rng).backward()
+                self._optimiser.step()
+        return ranked
+
+    def _batch(self, rng: np.random.Generator) -> tuple[Tensor, Tensor, Tensor]:
+        """Times (B,), positives and negatives (B, 3, H, W) of those times."""
+        times = rng.choice(np.flatnonzero(self._counts), BATCH)
+        positives = self._positives[rng.integers(len(self._positives), size=BATCH), times]
+        negatives = self._seen[times, rng.integers(np.minimum(self._counts[times], CAPACITY))]
+        good, bad = (to_images(torch.from_numpy(x.copy())).to(self._device) for x in (positives, negatives))
+        return torch.from_numpy(times), good, bad
+
+    def _judge(self, times: Tensor, images: Tensor) -> Judged:
+        features = (self.model.encode(images) - self._target.features[times]).square().sum(dim=1)
+        pixels = (images - self._target.images[times]).square().sum(dim=(1, 2, 3))
+        frames = len(self._seen)
+        return Judged(features * (frames / self._target.feature_scale), pixels * (frames / self._target.image_scale))
+
+    def _gap(self, times: Tensor, positives: Tensor, negatives: Tensor) -> Tensor:
+        """How much further negatives are than positives in features (B,); 0 < gap is right where pixels agree."""
+        good, bad = self._judge(times, positives), self._judge(times, negatives)
+        further = bad.pixels > good.pixels
+        return (bad.features - good.features)[further]
+
+    def _loss(self, rng: np.random.Generator) -> Tensor:
+        times, positives, negatives = self._batch(rng)
+        good, bad = self._judge(times, positives), self._judge(times, negatives)
+        margin = (bad.pixels - good.pixels).clamp_min(0.0)
+        # Nothing is asked of a negative whose pixels are as near the target as the demonstration's.
+        ranking = F.relu(margin - (bad.features - good.features)).mean()
+        with torch.no_grad():
+            before = self._original.encode(positives)
+        moved = (self.model.encode(positives) - before).square().sum(dim=1).mean()
+        return ranking + KEEP * moved * (len(self._seen) / self._target.feature_scale)
+
+    def state(self) -> dict[str, Any]:
+        """Everything that decides how tuning goes on, as a tree of arrays and numbers."""
+        return {
+            "model": to_tree(self.model.state_dict()),
+            "optimiser": to_tree(self._optimiser.state_dict()),
+            "seen": self._seen,
+            "counts": self._counts,
+            "iteration": self._iteration,
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Put `state` back, bit for bit."""
+        self.model.load_state_dict(from_tree(state["model"]))
+        self._optimiser.load_state_dict(from_tree(state["optimiser"]))
+        self._seen, self._counts = np.array(state["seen"]), np.array(state["counts"])
+        self._iteration = int(state["iteration"])
