@@ -46,6 +46,11 @@ class LearnerConfig:
     log_std: float = option(-0.5, "Initial log standard deviation of the actions.")
     critic_rate: float = option(3e-3, "Learning rate of the value network.", low=0)
     updates: float = option(0.04, "Gradient updates a sample (SAC alone).", low=0)
+    patience: int = option(
+        0,
+        "Stop early when the mean return of this many iterations is no better than that of as many before (0: never).",
+        low=0,
+    )
     checkpoint_every: int = option(10, "Iterations between checkpoints.", low=1)
 
 

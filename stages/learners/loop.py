@@ -18,6 +18,7 @@ from stages.run import RunOptions
 from stages.seeding import integer
 
 Curve = dict[str, list[float]]
+FLAT = 0.01  # of the return's range: less is no gain
 
 
 def learn(
@@ -57,7 +58,7 @@ def learn(
             run.progress.bar(f"{stage} ({config.learner})", config.iterations, "iterations") as bar,
         ):
             bar.update(done)
-            while done < config.iterations:
+            while done < config.iterations and not is_flat(curve.get("return", []), config.patience):
                 start = time.monotonic()
                 model.learn(samples, reset_num_timesteps=False)
                 done += 1
@@ -83,7 +84,20 @@ def learn(
     except KeyboardInterrupt as error:
         # The learner stands between two states: only the checkpoint's counts.
         raise checkpoints.interrupted(f"{done} of {config.iterations} iterations") from error
+    if done < config.iterations:
+        run.progress.say(f"{stage}: stopped after {done} iterations, the return has been flat for {config.patience}")
     return model, curve
+
+
+def is_flat(returns: list[float], patience: int) -> bool:
+    """Whether the last `patience` returns are on average no better than as many before them.
+
+    Better is by more than a hundredth of the whole curve's range. Never with a patience of 0.
+    """
+    if not patience or len(returns) < 2 * patience:
+        return False
+    before, last = np.mean(returns[-2 * patience : -patience]), np.mean(returns[-patience:])
+    return bool(last - before < FLAT * np.ptp(returns))
 
 
 def action_std(model: BaseAlgorithm) -> float:

@@ -6,10 +6,15 @@ import numpy as np
 import pytest
 
 from artifacts import pack, unpack
+from stages.checkpoints import Checkpoints
 from stages.configs import LearnerConfig
+from stages.learners import loop
 from stages.learners.algorithms import learner_state, make_learner, restore_learner
 from stages.learners.environment import EpisodeEnv
+from stages.learners.loop import is_flat
+from stages.progress import Progress
 from stages.rewards.state import OracleReward
+from stages.run import RunOptions
 from stages.simulation.contexts import DISTRIBUTIONS, repeat
 from stages.simulation.reach import Reach
 
@@ -82,3 +87,22 @@ def test_episodes_follow_from_seed_and_number():
     assert not np.array_equal(begun, later)
     second.episode = 1
     assert np.array_equal(later, second.reset())
+
+
+def test_flat_is_no_gain_over_as_many_iterations_before():
+    rising, flat = [float(k) for k in range(20)], [0.0, 5.0, 9.0, *[10.0] * 8]
+    assert not is_flat(rising, 4)
+    assert is_flat(flat, 4)
+    assert not is_flat(flat[:6], 4), "too few to tell"
+    assert not is_flat(flat, 0), "never, by default"
+    assert is_flat([*rising, *[19.0 - k for k in range(8)]], 4), "falling is no gain either"
+
+
+def test_learning_stops_once_the_return_is_flat(tmp_path, monkeypatch):
+    monkeypatch.setattr(loop, "FLAT", 1e9)  # Nothing counts as a gain.
+    config = dataclasses.replace(SMALL, iterations=9, patience=2)
+    _, env = make(config)
+    run = RunOptions(progress=Progress(quiet=True))
+    out = tmp_path / "a.policy.h5"
+    _, curve = loop.learn(env, config, run, out, "learn-policy", Checkpoints(run, out, "learn-policy", {}, []))
+    assert curve["iteration"] == [1.0, 2.0, 3.0, 4.0]
