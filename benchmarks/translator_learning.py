@@ -25,9 +25,8 @@ from stages.configs import PRESETS, TranslatorConfig
 from stages.translation.evaluation import evaluate_translator
 from stages.translation.training import TranslatorTraining
 
-HELD_OUT = 256
+HELD_OUT = 128
 WARM = 20  # steps that tell how many fit into the time
-POINTS = 6  # evaluations
 
 
 def trained(config: TranslatorConfig, frames: torch.Tensor) -> TranslatorTraining:
@@ -45,6 +44,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("demos", type=Path, nargs="?", default=Path("runs/paper/reach.demos.h5"))
     parser.add_argument("--minutes", type=float, default=30, help="CPU minutes of each network")
+    parser.add_argument("--points", type=int, default=3, help="evaluations on the way, the last at the end")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     frames = torch.from_numpy(read_artifact(arguments.demos, "demos")["frames"])
@@ -62,7 +62,7 @@ def main() -> None:
     while min(spent.values()) < 60 * arguments.minutes:
         name = min(spent, key=lambda k: spent[k])
         spent[name] += step(trainings[name])
-        if min(spent.values()) >= 60 * arguments.minutes * (len(curve["minutes"]) + 1) / POINTS:
+        if min(spent.values()) >= 60 * arguments.minutes * (len(curve["minutes"]) + 1) / arguments.points:
             curve["minutes"].append(round(min(spent.values()) / 60, 1))
             for arch, training in trainings.items():
                 measured = evaluate_translator(training.average, frames[-HELD_OUT:], "cpu")

@@ -19,10 +19,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from quick import ifo
+from commands import ifo
 from scipy.stats import spearmanr
 
 from artifacts import Artifact, read_artifact, tile_videos, write_mp4
+from stages.simulation.gl import choose_backend
 from stages.simulation.tasks import make_task
 from stages.statistics import wilson
 
@@ -33,31 +34,26 @@ SHOWN = 4  # contexts in a task's MP4 grid
 
 @dataclass(frozen=True)
 class Plan:
-    """How much is spent on a task.
+    """What is run on a task.
 
     Attributes:
         contexts: Unseen contexts, one learning run each.
-        demos: Demonstrations collected.
-        steps: Of the translator.
-        colours: Whether contexts differ in colour.
         paper: The paper's success rate (method, oracle).
-        wanted: The success rate to reach.
+        random: Contexts in which the reward of a translator of random weights is learned from, too.
     """
 
     contexts: int
-    demos: int
-    steps: int
-    colours: bool
     paper: tuple[float, float]
-    wanted: float
+    random: int = 0
 
 
 PLANS = {
-    "reach": Plan(10, 16384, 11000, True, (0.85, 0.90), 0.90),
-    "push": Plan(10, 16384, 5000, False, (0.85, 0.90), 0.90),
-    "sweep": Plan(5, 16384, 3000, False, (1.0, 1.0), 1.0),
-    "strike": Plan(5, 16384, 4000, False, (0.95, 1.0), 0.95),
+    "reach": Plan(10, (0.85, 0.90), random=5),
+    "push": Plan(10, (0.85, 0.90)),
+    "sweep": Plan(5, (1.0, 1.0)),
+    "strike": Plan(5, (0.95, 1.0)),
 }
+NAMES = {"translation": "translation", "random": "translator of random weights", "oracle": "oracle"}
 PROXIES = {"psnr": 1, "image_ratio": -1, "feature_ratio": -1, "tau_returns": 1}  # name -> sign: +1, more is better
 COLUMNS = (
     "task",
@@ -85,30 +81,39 @@ COLUMNS = (
 
 def train(task: str) -> Path:
     """Demonstrations and translator of a task."""
-    plan = PLANS[task]
-    words = ("collect-demos", task, "--expert", EXPERTS / f"{task}.expert.h5", "-n", plan.demos, "--contexts", "paper")
-    demos = ifo(*words, "--workers", 1, out=RUNS / f"{task}.demos.h5")
-    swap = "--swap-colours" if plan.colours else "--no-swap-colours"
-    words = ("train-translator", demos, "--steps", plan.steps, "--rec-frames", 1, "--no-mirror", swap)
-    return ifo(*words, "--workers", 1, "--resume", out=RUNS / f"{task}.translator.h5")
+    words = ("collect-demos", task, "--expert", EXPERTS / f"{task}.expert.h5", "--workers", 1)
+    demos = ifo(*words, out=RUNS / f"{task}.demos.h5")
+    if PLANS[task].random:
+        ifo("train-translator", demos, "--steps", 0, "--workers", 1, out=RUNS / f"{task}-random.translator.h5")
+    return ifo("train-translator", demos, "--workers", 1, "--resume", out=RUNS / f"{task}.translator.h5")
 
 
-def learn(task: str, seed: int) -> Path:
+def stem(task: str, method: str) -> str:
+    """Start of a run's file names."""
+    return task if method == "translation" else f"{task}-{method}"
+
+
+def seeds(task: str, method: str) -> range:
+    """Seeds of the contexts that a method runs in."""
+    return range(PLANS[task].random if method == "random" else PLANS[task].contexts)
+
+
+def learn(task: str, method: str, seed: int) -> Path:
     """Translate into one context and learn there."""
-    words = ("translate", RUNS / f"{task}.translator.h5", "--context-seed", seed, "--workers", 1)
-    translation = ifo(*words, out=RUNS / f"{task}-c{seed}.translation.h5")
-    words = ("learn-policy", translation, "--workers", 1, "--resume")
-    return ifo(*words, out=RUNS / f"{task}-c{seed}.policy.h5")
+    name = RUNS / f"{stem(task, method)}-c{seed}"
+    words = ("translate", RUNS / f"{stem(task, method)}.translator.h5", "--context-seed", seed, "--workers", 1)
+    translation = ifo(*words, out=Path(f"{name}.translation.h5"))
+    return ifo("learn-policy", translation, "--workers", 1, "--resume", out=Path(f"{name}.policy.h5"))
 
 
 def evaluate(task: str, method: str) -> Path | None:
     """The evaluation of a task's runs; the oracle's are those of tasks.py. None where they are not all there."""
     if method == "oracle":
         return HERE / f"oracle-{task}.evaluation.h5"
-    policies = [RUNS / f"{task}-c{seed}.policy.h5" for seed in range(PLANS[task].contexts)]
-    if not all(policy.exists() for policy in policies):
+    policies = [RUNS / f"{stem(task, method)}-c{seed}.policy.h5" for seed in seeds(task, method)]
+    if not policies or not all(policy.exists() for policy in policies):
         return None
-    out = HERE / f"paper-{task}.evaluation.h5"
+    out = HERE / f"paper-{stem(task, method)}.evaluation.h5"
     out.unlink(missing_ok=True)
     return ifo("evaluate", *policies, out=out)
 
@@ -122,7 +127,7 @@ def rows(task: str, method: str, evaluation: Path, translator_minutes: float) ->
         if run["context_seed"] >= PLANS[task].contexts:
             continue
         stochastic, calm = artifact["normalised_distance_stochastic"][k], artifact["normalised_distance"][k]
-        metrics = run["translation_metrics"] if method == "translation" else {}
+        metrics = {} if method == "oracle" else run["translation_metrics"]
         made.append(
             {
                 "task": task,
@@ -175,10 +180,11 @@ def run_table(table: list[dict[str, object]]) -> list[str]:
     """Distances and rewards' quality, run by run."""
     lines = []
     for task in PLANS:
-        mine = [row for row in table if row["task"] == task and row["method"] == "translation"]
-        if mine:
-            left = ", ".join(f"{float(str(row['normalised_distance'])):.2f}" for row in mine)
-            lines.append(f"- {task}, contexts 0 to {len(mine) - 1}: {left}")
+        for method in ("translation", "random", "oracle"):
+            mine = [row for row in table if row["task"] == task and row["method"] == method]
+            if mine:
+                left = ", ".join(f"{float(str(row['normalised_distance'])):.2f}" for row in mine)
+                lines.append(f"- {task}, {NAMES[method]}: {left}")
     return lines
 
 
@@ -319,12 +325,18 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", default=list(PLANS), choices=list(PLANS), help="tasks to run")
     parser.add_argument("--report", action="store_true", help="write the tables from what is there")
     arguments = parser.parse_args()
+    choose_backend()
     RUNS.mkdir(parents=True, exist_ok=True)
     (HERE / "videos").mkdir(exist_ok=True)
     if not arguments.report:
         with ThreadPoolExecutor(arguments.parallel) as pool:
             list(pool.map(train, arguments.only))
-            jobs = [(task, seed) for task in arguments.only for seed in range(PLANS[task].contexts)]
+            jobs = [
+                (task, method, seed)
+                for method in ("translation", "random")
+                for task in arguments.only
+                for seed in seeds(task, method)
+            ]
             list(pool.map(lambda job: learn(*job), jobs))
     table: list[dict[str, object]] = []
     translators = {
@@ -333,7 +345,7 @@ def main() -> None:
         if (RUNS / f"{task}.translator.h5").exists()
     }
     for task, translator in translators.items():
-        for method in ("translation", "oracle"):
+        for method in ("translation", "random", "oracle"):
             evaluation = evaluate(task, method)
             if evaluation is not None:
                 table += rows(task, method, evaluation, minutes(translator))

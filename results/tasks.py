@@ -17,7 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
-from quick import ifo
+from commands import ifo
 
 from artifacts import read_artifact
 from stages.configs import TASKS

@@ -80,11 +80,11 @@ class TranslatorConfig:
     """Training of the context translator (Sec. IV)."""
 
     arch: str = option("compact", "Network: the paper's, or a compact one for CPUs.", ARCHITECTURES)
-    steps: int = option(6000, "Optimiser steps (0: leave the weights random).", low=0)
+    steps: int = option(5000, "Optimiser steps (0: leave the weights random).", low=0)
     videos: int = option(16, "Videos a step; each is source of one pair and target of another.", low=2)
     frames: int = option(4, "Frames of each video a step, at the same times in all.", low=1)
     pairings: int = option(1, "Pairings of the videos a step.", low=1)
-    rec_frames: int = option(0, "Frames of each video a step that L_rec reconstructs (0: all).", low=0)
+    rec_frames: int = option(1, "Frames of each video a step that L_rec reconstructs (0: all).", low=0)
     learning_rate: float = option(1e-3, "Peak learning rate.", low=0)
     schedule: str = option("cosine", "Learning-rate schedule.", ("cosine", "constant"))
     weight_decay: float = option(1e-4, "AdamW's weight decay.", low=0)
@@ -96,7 +96,7 @@ class TranslatorConfig:
     )
     motion_weight: float = option(0.0, "Extra weight of pixels that differ from the context frame.", low=0)
     # Mirrored videos are more data, but another world to learn, too: a robot whose joints bend the other way.
-    mirror: bool = option(True, "Mirror videos at random: for few demonstrations.")
+    mirror: bool = option(False, "Mirror videos at random: for few demonstrations.")
     swap_colours: bool = option(True, "Swap green and blue at random: for contexts that differ in colour.")
     ema: float = option(0.999, "Decay of the averaged weights (0: none).", low=0, high=1)
     held_out: int = option(256, "Demonstrations never trained on, for the metrics (at most a fifth).", low=2)
@@ -131,6 +131,11 @@ class PolicyConfig(LearnerConfig):
     reward: str = option("translation", "Reward: the paper's, the true distance, or the true expert video.", REWARDS)
     without: tuple[str, ...] = option((), "Switch a term of the reward off (repeatable).", REWARD_TERMS)
     image_weight: float = option(1.0, "w_rec, weight of R_img beside R_feat, both scaled to order one.", low=0)
+    blur: float = option(
+        4.0,
+        "R_img also compares images blurred by a Gaussian of this standard deviation, in pixels (0: as the paper).",
+        low=0,
+    )
     negatives: int = option(
         0, "Tune the features on the learner's own frames every this many iterations (0: never).", low=0
     )
@@ -169,7 +174,7 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
     "quick": {
         "train-expert": ExpertConfig(**EXPERT_LEARNING),
-        "collect-demos": DemosConfig(n=8192, contexts="narrow"),
+        "collect-demos": DemosConfig(n=16384),
         "train-translator": TranslatorConfig(),
         "translate": TranslateConfig(),
         "learn-policy": PolicyConfig(iterations=60, episodes=100),
@@ -188,23 +193,25 @@ PRESETS: dict[str, dict[str, Any]] = {
             lambda_align=0.02,
             weight_decay=0.0,
             mirror=False,
+            rec_frames=0,
             swap_colours=False,
             ema=0.0,
             evaluate_every=1000,
             checkpoint_every=1000,
         ),
         "translate": TranslateConfig(),
-        "learn-policy": PolicyConfig(kl=0.01, gae_lambda=1.0, hidden=32),
+        "learn-policy": PolicyConfig(kl=0.01, gae_lambda=1.0, hidden=32, blur=0.0),
         "evaluate": EvaluateConfig(episodes=250),
     },
 }
 
 # What a task needs otherwise than its preset: task, or prefix of tasks, -> preset -> stage -> fields.
 _SUITE = {"learner": "sac", "hidden": 128, "discount": 0.99, "test_contexts": 50, "test_episodes": 4}
+_ONE_COLOUR = {"swap_colours": False}
 TASK_DEFAULTS: dict[str, dict[str, dict[str, dict[str, Any]]]] = {
-    "push": {"*": {"train-expert": {"iterations": 150}}},
-    "sweep": {"*": {"train-expert": {"iterations": 100}}},
-    "strike": {"*": {"train-expert": {"iterations": 200}}},
+    "push": {"*": {"train-expert": {"iterations": 150}, "train-translator": _ONE_COLOUR}},
+    "sweep": {"*": {"train-expert": {"iterations": 100}, "train-translator": _ONE_COLOUR}},
+    "strike": {"*": {"train-expert": {"iterations": 200}, "train-translator": _ONE_COLOUR}},
     "dm:": {
         "*": {
             "train-expert": {**_SUITE, "iterations": 60, "episodes": 4, "updates": 0.25},

@@ -129,7 +129,8 @@ def make_reward(
         images = torch.from_numpy(source["target_images"]).movedim(-1, 1) / 127.5 - 1
     feature_scale, image_scale = float(source["feature_scale"]), float(source["image_scale"])
     model = load_translator(source.parent("translator", check=True), device)
-    target = TrackingTarget(torch.from_numpy(features).to(device), images.to(device), feature_scale, image_scale)
+    scales = feature_scale, image_scale
+    target = TrackingTarget(torch.from_numpy(features).to(device), images.to(device), *scales, config.blur)
     tuning = None
     if config.negatives:
         tuning = NegativeTuning(model, target, source["images"], config.negatives, seed, device)

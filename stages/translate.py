@@ -21,7 +21,7 @@ from artifacts import (
     write_mp4,
 )
 from artifacts.atomic import write_bytes
-from stages.configs import TranslateConfig
+from stages.configs import PolicyConfig, TranslateConfig
 from stages.run import RunOptions, StageResult, environment, full_config, pick_device, pick_workers
 from stages.seeding import generator
 from stages.simulation.contexts import Contexts
@@ -214,7 +214,7 @@ def _judge(
             contexts,
             lambda state, where: policy.act(task.observe_expert(state, where)),
             model,
-            TrackingTarget(features.to(device), images.to(device), *scales),
+            TrackingTarget(features.to(device), images.to(device), *scales, PolicyConfig().blur),
             pool,
             generator(run.seed, "reward-quality"),
             device,

@@ -92,10 +92,9 @@ class NegativeTuning:
         return torch.from_numpy(times), good, bad
 
     def _judge(self, times: Tensor, images: Tensor) -> Judged:
-        features = (self.model.encode(images) - self._target.features[times]).square().sum(dim=1)
-        pixels = (images - self._target.images[times]).square().sum(dim=(1, 2, 3))
         frames = len(self._seen)
-        return Judged(features * (frames / self._target.feature_scale), pixels * (frames / self._target.image_scale))
+        features = self._target.feature_error(self.model.encode(images), times)
+        return Judged(frames * features, frames * self._target.image_error(images, times))
 
     def _gap(self, times: Tensor, positives: Tensor, negatives: Tensor) -> Tensor:
         """How much further negatives are than positives in features (B,); 0 < gap is right where pixels agree."""

@@ -106,14 +106,9 @@ def _rewards(
     feat, img, near = [], [], []
     for video in frames:
         images = to_images(torch.from_numpy(video)).to(device)
-        features = model.encode(images)
-        terms = [
-            (
-                -(features - z).square().sum(dim=1) / target.feature_scale,
-                -(images - image).square().sum(dim=(1, 2, 3)) / target.image_scale,
-            )
-            for z, image in ((target.features, target.images), (target.features[-1:], target.images[-1:]))
-        ]
+        features, times = model.encode(images), torch.arange(len(images))
+        last = torch.full_like(times, len(images) - 1)
+        terms = [(-target.feature_error(features, at), -target.image_error(images, at)) for at in (times, last)]
         feat.append(terms[0][0].cpu().numpy())
         img.append(terms[0][1].cpu().numpy())
         near.append((terms[1][0] + terms[1][1]).cpu().numpy())

@@ -6,16 +6,23 @@ R_feat(o_t) = -|Enc1(o_t) - mean_i F(o_t^i, o_0)|^2 and R_img(o_t) = -|o_t - mea
 The paper gives no scale, and sums over pixels run to thousands. Here each term is divided by how much the
 demonstrations themselves move: the sum over a video of its squared distance from its first frame, averaged over the
 demonstrations. An episode that stands still returns about -1 a term, one that follows the target about 0.
+
+R_img as the paper has it is flat wherever the robot's image does not overlap the target's: an arm two pixels wide that
+is five pixels off is as wrong as one on the other side of the table. So R_img here adds the same distance between
+images blurred by a few pixels, which grows with how far off the robot is.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn import functional as F
 
 from stages.simulation.contexts import Contexts
 from stages.simulation.render import RenderPool
@@ -35,12 +42,44 @@ class TrackingTarget:
         images: Mean translated images (T, 3, H, W), in [-1, 1].
         feature_scale: What R_feat is divided by.
         image_scale: What R_img is divided by.
+        blur: Standard deviation, in pixels, of the Gaussian that R_img also compares the images under (0: it does not).
     """
 
     features: Tensor
     images: Tensor
     feature_scale: float
     image_scale: float
+    blur: float = 0.0
+
+    @cached_property
+    def _blurred(self) -> tuple[Tensor, float]:
+        """The blurred images (T, 3, H, W), and how much they move."""
+        blurred = gaussian(self.images, self.blur)
+        return blurred, float(motion(blurred[None]).clamp_min(1e-12))
+
+    def feature_error(self, features: Tensor, frames: int | Tensor) -> Tensor:
+        """Squared distances (B,) of features (B, D) from the target's at the index or indices `frames`, scaled."""
+        return (features - self.features[frames]).square().sum(dim=1) / self.feature_scale
+
+    def image_error(self, images: Tensor, frames: int | Tensor) -> Tensor:
+        """Squared distances (B,) of images (B, 3, H, W) from the target's, scaled; with `blur`, of blurred ones too."""
+        error = (images - self.images[frames]).square().sum(dim=(1, 2, 3)) / self.image_scale
+        if self.blur:
+            blurred, scale = self._blurred
+            error = error + (gaussian(images, self.blur) - blurred[frames]).square().sum(dim=(1, 2, 3)) / scale
+        return error
+
+
+def gaussian(images: Tensor, sigma: float) -> Tensor:
+    """Images (B, C, H, W) under a Gaussian of `sigma` pixels; borders are continued."""
+    radius = math.ceil(3 * sigma)
+    x = torch.arange(-radius, radius + 1, dtype=images.dtype, device=images.device)
+    kernel = torch.exp(-x.square() / (2 * sigma**2))
+    kernel = kernel / kernel.sum()
+    planes = images.flatten(0, 1)[:, None]
+    planes = F.conv2d(F.pad(planes, (radius, radius, 0, 0), mode="replicate"), kernel[None, None, None, :])
+    planes = F.conv2d(F.pad(planes, (0, 0, radius, radius), mode="replicate"), kernel[None, None, :, None])
+    return planes[:, 0].unflatten(0, images.shape[:2])
 
 
 def motion(values: Tensor) -> Tensor:
@@ -104,11 +143,11 @@ class TranslationReward:
         weight = float(self._time_weight[frame])
         total = np.zeros(len(images))
         if self._use["feat"]:
-            error = (self._model.encode(images) - self._target.features[frame]).square().sum(dim=1)
-            total += self._add("feat", -weight * error / self._target.feature_scale)
+            error = self._target.feature_error(self._model.encode(images), frame)
+            total += self._add("feat", -weight * error)
         if self._use["img"]:
-            error = (images - self._target.images[frame]).square().sum(dim=(1, 2, 3))
-            total += self._add("img", -weight * self._image_weight * error / self._target.image_scale)
+            error = self._target.image_error(images, frame)
+            total += self._add("img", -weight * self._image_weight * error)
         self._sums["return"] += float(total.mean())
         return total
 

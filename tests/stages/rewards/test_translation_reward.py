@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from stages.rewards.state import OracleReward
-from stages.rewards.translation import TrackingTarget, TranslationReward, motion
+from stages.rewards.translation import TrackingTarget, TranslationReward, gaussian, motion
 from stages.simulation.contexts import DISTRIBUTIONS
 from stages.simulation.reach import Reach
 from stages.simulation.render import RenderPool
@@ -121,3 +121,35 @@ def test_the_oracle_rewards_the_final_distance_alone():
     np.testing.assert_array_equal(reward(1, at(0.8), np.zeros((3, 3)), contexts), 0.0)
     np.testing.assert_array_equal(reward(49, at(0.5), np.zeros((3, 3)), contexts), 0.0)
     np.testing.assert_allclose(reward(50, at(0.2), np.zeros((3, 3)), contexts), -0.25)
+
+
+def square(column: int) -> torch.Tensor:
+    """An image (1, 3, 48, 48) of a small white square on black."""
+    image = torch.full((1, 3, 48, 48), -1.0)
+    image[..., 20:23, column : column + 3] = 1.0
+    return image
+
+
+def test_blurred_images_tell_how_far_off_something_is_where_plain_ones_do_not():
+    images = torch.cat([square(5), square(20)])
+    scale = float(motion(images[None]))
+    plain, blurred = (TrackingTarget(torch.zeros(2, 1), images, 1.0, scale, blur) for blur in (0.0, 4.0))
+    offsets = [square(20 + k) for k in (0, 4, 7, 10)]
+    without = [float(plain.image_error(image, 1)) for image in offsets]
+    errors = [float(blurred.image_error(image, 1)) for image in offsets]
+    assert without[0] == 0.0 and without[1] == pytest.approx(without[2]) == pytest.approx(without[3])
+    assert errors[0] == pytest.approx(0.0, abs=1e-6)
+    assert errors[1] < 0.8 * errors[2] < 0.8 * errors[3]
+    still = float(blurred.image_error(square(5), 1))
+    assert still == pytest.approx(2.0, rel=1e-4), "each of the two has its own scale: standing still costs one"
+
+
+def test_a_gaussian_keeps_flat_images_and_the_sum_of_others():
+    flat = torch.full((2, 3, 20, 30), 0.3)
+    torch.testing.assert_close(gaussian(flat, 2.5), flat)
+    spot = torch.zeros(1, 1, 41, 41)
+    spot[0, 0, 20, 20] = 1.0
+    spread = gaussian(spot, 2.0)
+    assert float(spread.sum()) == pytest.approx(1.0, abs=1e-5)
+    x = torch.arange(41.0) - 20
+    assert float((spread[0, 0].sum(dim=0) * x**2).sum()) == pytest.approx(4.0, rel=0.03)
