@@ -130,7 +130,8 @@ class PolicyConfig(LearnerConfig):
     log_std: float = option(0.5, "Initial log standard deviation of the actions.")
     reward: str = option("translation", "Reward: the paper's, the true distance, or the true expert video.", REWARDS)
     without: tuple[str, ...] = option((), "Switch a term of the reward off (repeatable).", REWARD_TERMS)
-    image_weight: float = option(1.0, "w_rec, weight of R_img beside R_feat, both scaled to order one.", low=0)
+    # R_feat alone misleads on the way to a target that is far off (results/LOG.md).
+    image_weight: float = option(2.0, "w_rec, weight of R_img beside R_feat, both scaled to order one.", low=0)
     blur: float = option(
         4.0,
         "R_img also compares images blurred by a Gaussian of this standard deviation, in pixels (0: as the paper).",
@@ -200,7 +201,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             checkpoint_every=1000,
         ),
         "translate": TranslateConfig(),
-        "learn-policy": PolicyConfig(kl=0.01, gae_lambda=1.0, hidden=32, blur=0.0),
+        "learn-policy": PolicyConfig(kl=0.01, gae_lambda=1.0, hidden=32, image_weight=1.0, blur=0.0),
         "evaluate": EvaluateConfig(episodes=250),
     },
 }
