@@ -54,7 +54,7 @@ PLANS = {
     "strike": Plan(5, (0.95, 1.0)),
 }
 NAMES = {"translation": "translation", "random": "translator of random weights", "oracle": "oracle"}
-PROXIES = {"psnr": 1, "image_ratio": -1, "feature_ratio": -1, "tau_returns": 1}  # name -> sign: +1, more is better
+PROXIES = {"psnr": 1, "image_ratio": -1, "feature_ratio": -1, "tau_returns": 1, "tau_way": 1}  # name -> sign: +1, more is better
 COLUMNS = (
     "task",
     "method",
@@ -76,6 +76,7 @@ COLUMNS = (
     "tau_noisy",
     "tau_random",
     "tau_returns",
+    "tau_way",
 )
 
 

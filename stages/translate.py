@@ -21,7 +21,7 @@ from artifacts import (
     write_mp4,
 )
 from artifacts.atomic import write_bytes
-from stages.configs import PolicyConfig, TranslateConfig
+from stages.configs import TranslateConfig, defaults
 from stages.run import RunOptions, StageResult, environment, full_config, pick_device, pick_workers
 from stages.seeding import generator
 from stages.simulation.contexts import Contexts
@@ -118,7 +118,8 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
         run.progress.say(
             "reward against true progress, Kendall's tau: "
             + ", ".join(f"{shown_tau(metrics[f'tau_{kind}'])} ({kind})" for kind in ("expert", "noisy", "random"))
-            + f"; returns against final distances: {shown_tau(metrics['tau_returns'])}"
+            + f"; returns against final distances: {shown_tau(metrics['tau_returns'])}; on the way from standing still "
+            f"to the expert: {shown_tau(metrics['tau_way'])}"
         )
         write_bytes(plot, plot_quality(quality))
     else:
@@ -207,6 +208,7 @@ def _judge(
     policy = Policy.load(load_expert(expert, task_name))
     images = torch.from_numpy(arrays["target_images"]).movedim(-1, 1) / 127.5 - 1
     features = torch.from_numpy(arrays["target_features"])
+    learning = defaults(run.preset, "learn-policy", task_name)  # The reward that will be learned from, as it stands.
     scales = float(arrays["feature_scale"]), float(arrays["image_scale"])
     with RenderPool.of(task, 1) as pool:
         quality = reward_quality(
@@ -214,9 +216,10 @@ def _judge(
             contexts,
             lambda state, where: policy.act(task.observe_expert(state, where)),
             model,
-            TrackingTarget(features.to(device), images.to(device), *scales, PolicyConfig().blur),
+            TrackingTarget(features.to(device), images.to(device), *scales, learning.blur),
             pool,
             generator(run.seed, "reward-quality"),
+            learning.image_weight,
             device,
         )
         return expert_video(task, expert, contexts, pool)[0], quality

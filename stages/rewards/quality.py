@@ -10,7 +10,7 @@ import torch
 from scipy.stats import kendalltau
 
 from stages.rewards.translation import TrackingTarget, time_weights
-from stages.simulation.batch import Rollout, rollout
+from stages.simulation.batch import rollout
 from stages.simulation.contexts import Contexts, repeat
 from stages.simulation.render import RenderPool
 from stages.simulation.task import State, Task
@@ -19,6 +19,7 @@ from stages.translation.networks import Translator, to_images
 EPISODES = 8  # of each kind
 NOISE = (0.3, 0.6, 1.0)  # standard deviations of a noisy expert's actions, one episode in three each
 HELD = 5  # control steps that noise and random actions are held for, so that they move the robot
+WAY = np.linspace(0.0, 1.0, 11)  # shares of the expert's own motion
 PROGRESS_DIGITS = 2  # progress is compared to a hundredth of the initial distance: less is trembling at the goal
 
 Act = Callable[[State, Contexts], np.ndarray]
@@ -31,9 +32,11 @@ class Quality:
     Attributes:
         metrics: `tau_KIND`, Kendall's tau-b along an episode between nearness to the target's last frame and progress,
             mean over episodes of the kind (expert, noisy, random); `tau_returns`, over all episodes, between the
-            return and the final distance; `return_KIND`, mean returns. Both terms of the reward weigh the same
-            (w_rec = 1), and its ramp is the task's own. A tau is NaN where reward or progress never changes.
-        curves: `KIND/feat`, `KIND/img`, rewards (n, T) of both terms; `KIND/distance` (n, T), normalised.
+            return and the final distance; `tau_way`, between the return of a share of the expert's motion and that
+            share, from standing still to the whole: whether the reward leads there; `return_KIND`, mean returns. The
+            reward's ramp is the task's own. A tau is NaN where reward or progress never changes.
+        curves: `KIND/feat`, `KIND/img`, rewards (n, T) of both terms; `KIND/distance` (n, T), normalised; `way/feat`,
+            `way/img`, rewards (11, T) of 0, .1, ... 1 of the expert's motion.
     """
 
     metrics: dict[str, float]
@@ -48,6 +51,7 @@ def reward_quality(
     target: TrackingTarget,
     pool: RenderPool,
     rng: np.random.Generator,
+    image_weight: float = 1.0,
     device: str = "cpu",
 ) -> Quality:
     """Roll out the expert, a noisy expert and random actions in one context; compare rewards with true distances.
@@ -55,21 +59,34 @@ def reward_quality(
     Args:
         context: The learner's context, leading axis 1.
         expert: The expert's actions, from the state and the goal.
+        image_weight: w_rec.
     """
     curves: dict[str, np.ndarray] = {}
     metrics: dict[str, float] = {}
     returns, outcomes = [], []
+
+    def total(feat: np.ndarray, img: np.ndarray) -> np.ndarray:
+        """Returns (n,) of episodes whose terms are (n, T)."""
+        return ((feat + image_weight * img) * time_weights(task.ramp, task.frames))[:, 1:].sum(axis=1)
+
     for kind, act in _actors(task, expert, rng).items():
         contexts = repeat(context, EPISODES)
         episodes = rollout(task, contexts, *task.draw_states(rng, contexts), act=act, nthread=1)
-        feat, img, nearness = _rewards(task, context, episodes, model, target, pool, device)
+        feat, img, nearness = _rewards(
+            task, context, episodes.frame_qpos(task), model, target, pool, image_weight, device
+        )
         distance = episodes.distance[:, : task.control_steps : task.frame_every]
         distance = distance / np.maximum(episodes.initial_distance[:, None], 1e-9)
         curves |= {f"{kind}/feat": feat, f"{kind}/img": img, f"{kind}/distance": distance}
         metrics[f"tau_{kind}"] = _mean([_tau(n[1:], -d[1:]) for n, d in zip(nearness, distance, strict=True)])
-        returns.append(((feat + img) * time_weights(task.ramp, task.frames))[:, 1:].sum(axis=1))
+        returns.append(total(feat, img))
         metrics[f"return_{kind}"] = float(returns[-1].mean())
         outcomes.append(episodes.normalised_distance)
+    path = rollout(task, context, *task.context_state(context), act=expert, nthread=1).frame_qpos(task)
+    part = path[:, :1] + WAY[:, None, None] * (path - path[:, :1])
+    feat, img, _ = _rewards(task, context, part, model, target, pool, image_weight, device)
+    curves |= {"way/feat": feat, "way/img": img}
+    metrics["tau_way"] = _tau(total(feat, img), WAY)
     metrics["tau_returns"] = _tau(np.concatenate(returns), -np.concatenate(outcomes))
     return Quality(metrics, curves)
 
@@ -95,14 +112,15 @@ def _actors(task: Task, expert: Act, rng: np.random.Generator) -> dict[str, Act]
 def _rewards(
     task: Task,
     context: Contexts,
-    episodes: Rollout,
+    qpos: np.ndarray,
     model: Translator,
     target: TrackingTarget,
     pool: RenderPool,
+    image_weight: float,
     device: str,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """R_feat and R_img (n, T) against each time's target, and their sum (n, T) against the last time's."""
-    frames = pool.render(task.model_fields(repeat(context, EPISODES)), episodes.frame_qpos(task))
+    """R_feat and R_img (n, T) of joint positions (n, T, nq) in one context, and their sum against the last target."""
+    frames = pool.render(task.model_fields(repeat(context, len(qpos))), qpos)
     feat, img, near = [], [], []
     for video in frames:
         images = to_images(torch.from_numpy(video)).to(device)
@@ -111,7 +129,7 @@ def _rewards(
         terms = [(-target.feature_error(features, at), -target.image_error(images, at)) for at in (times, last)]
         feat.append(terms[0][0].cpu().numpy())
         img.append(terms[0][1].cpu().numpy())
-        near.append((terms[1][0] + terms[1][1]).cpu().numpy())
+        near.append((terms[1][0] + image_weight * terms[1][1]).cpu().numpy())
     return np.stack(feat), np.stack(img), np.stack(near)
 
 

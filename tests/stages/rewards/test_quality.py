@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from stages.rewards.quality import EPISODES, plot_quality, reward_quality
+from stages.rewards.quality import EPISODES, WAY, plot_quality, reward_quality
 from stages.rewards.translation import TrackingTarget, motion
 from stages.simulation.batch import BatchSimulation, rollout
 from stages.simulation.render import RenderPool
@@ -61,11 +61,13 @@ def test_the_true_video_as_target_ranks_progress(quality):
     assert metrics["tau_expert"] > 0.8
     assert metrics["tau_returns"] > 0.5
     assert metrics["return_expert"] > metrics["return_noisy"] > metrics["return_random"]
+    assert metrics["tau_way"] > 0.9
 
 
 def test_a_target_that_stands_still_ranks_it_the_wrong_way(quality):
     metrics = quality(lambda truth: np.repeat(truth[:1], len(truth), axis=0)).metrics
     assert metrics["tau_expert"] < -0.5
+    assert metrics["tau_way"] < -0.9
 
 
 def test_curves_hold_every_episode_and_frame(scene, quality):
@@ -76,6 +78,8 @@ def test_curves_hold_every_episode_and_frame(scene, quality):
             assert judged.curves[f"{kind}/{name}"].shape == (EPISODES, task.frames)
         assert judged.curves[f"{kind}/distance"][:, 0] == pytest.approx(1.0)
         assert (judged.curves[f"{kind}/feat"] <= 0).all()
+    assert judged.curves["way/img"].shape == (len(WAY), task.frames)
+    assert judged.curves["way/img"][-1] == pytest.approx(0.0, abs=1e-5), "all of the expert's motion is the target"
     assert plot_quality(judged).startswith(b"\x89PNG")
 
 
