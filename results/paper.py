@@ -54,7 +54,8 @@ PLANS = {
     "strike": Plan(5, (0.95, 1.0)),
 }
 NAMES = {"translation": "translation", "random": "translator of random weights", "oracle": "oracle"}
-PROXIES = {"psnr": 1, "image_ratio": -1, "feature_ratio": -1, "tau_returns": 1, "tau_way": 1}  # name -> sign: +1, more is better
+# What is known before learning -> 1 where more is better, else -1.
+PROXIES = {"psnr": 1, "image_ratio": -1, "feature_ratio": -1, "tau_returns": 1, "tau_way": 1}
 COLUMNS = (
     "task",
     "method",
