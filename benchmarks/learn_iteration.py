@@ -77,6 +77,7 @@ def parts():
     """Task, context, network and target, the same in every process."""
     import torch
 
+    from stages.configs import PolicyConfig
     from stages.rewards.translation import TrackingTarget
     from stages.seeding import generator
     from stages.simulation.contexts import DISTRIBUTIONS
@@ -89,7 +90,7 @@ def parts():
     model = make_translator(ARCH, task.frame_size).eval()
     features = torch.randn(task.frames, model.feature_size)
     images = torch.rand(task.frames, 3, *task.frame_size) * 2 - 1
-    return task, context, model, TrackingTarget(features, images, 1.0, 1.0)
+    return task, context, model, TrackingTarget(features, images, 1.0, 1.0, PolicyConfig().blur)
 
 
 def batch_env(workers: int):
@@ -155,9 +156,8 @@ class TrackingEnv(gymnasium.Env):
         torch, target = self._torch, self._target
         with torch.no_grad():
             image = self._to_images(torch.from_numpy(self._frame(self._env.physics, self.task).copy()))[None]
-            features = (self._model.encode(image) - target.features[frame]).square().sum()
-            pixels = (image - target.images[frame]).square().sum()
-        return -float(features / target.feature_scale + pixels / target.image_scale)
+            features = target.feature_error(self._model.encode(image), frame)
+            return -float(features + target.image_error(image, frame))
 
     def close(self) -> None:
         self._env.close()
