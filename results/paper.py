@@ -55,7 +55,7 @@ PLANS = {
 }
 NAMES = {"translation": "translation", "random": "translator of random weights", "oracle": "oracle"}
 # What is known before learning -> 1 where more is better, else -1.
-PROXIES = {"psnr": 1, "image_ratio": -1, "feature_ratio": -1, "tau_returns": 1, "tau_way": 1}
+PROXIES = {"psnr": 1, "image_ratio": -1, "feature_ratio": -1, "tau_expert": 1, "tau_noisy": 1, "tau_returns": 1}
 COLUMNS = (
     "task",
     "method",
@@ -77,7 +77,6 @@ COLUMNS = (
     "tau_noisy",
     "tau_random",
     "tau_returns",
-    "tau_way",
 )
 
 

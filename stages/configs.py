@@ -136,6 +136,7 @@ class PolicyConfig(LearnerConfig):
         4.0,
         "R_img also compares images blurred by a Gaussian of this standard deviation, in pixels (0: as the paper).",
         low=0,
+        high=100,
     )
     negatives: int = option(
         0, "Tune the features on the learner's own frames every this many iterations (0: never).", low=0

@@ -43,6 +43,11 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
         raise UsageError("--without feat --without img leaves no reward to learn from: keep one of the two")
     if config.negatives and (config.reward != "translation" or "feat" in config.without):
         raise UsageError("--negatives tunes the features of --reward translation: use it with them, or leave it out")
+    if config.negatives and (config.patience or config.learner == "sac"):
+        raise UsageError(
+            "--negatives changes the reward on the way: --patience would take it for a flat one, and --learner sac "
+            "keeps old rewards; leave one of the two out"
+        )
     choose_backend()
     source = load_translation(translation)
     task = make_task(source.config["task"])

@@ -89,6 +89,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     all_features, all_images = torch.cat(features), torch.cat(images)
     if align == "dtw":
         index = common_index(all_features.numpy())
+        frames = np.take_along_axis(frames, np.rint(index).astype(int)[:, :, None, None, None], axis=1)
         all_features, all_images = at_index(all_features, index), at_index(all_images, index)
     target_features, target_images = all_features.mean(dim=0), all_images.mean(dim=0)
     arrays: dict[str, np.ndarray] = {

@@ -97,7 +97,7 @@ def is_flat(returns: list[float], patience: int) -> bool:
     if not patience or len(returns) < 2 * patience:
         return False
     before, last = np.mean(returns[-2 * patience : -patience]), np.mean(returns[-patience:])
-    return bool(last - before < FLAT * np.ptp(returns))
+    return bool(last - before <= FLAT * np.ptp(returns))
 
 
 def action_std(model: BaseAlgorithm) -> float:

@@ -94,7 +94,8 @@ class NegativeTuning:
     def _judge(self, times: Tensor, images: Tensor) -> Judged:
         frames = len(self._seen)
         features = self._target.feature_error(self.model.encode(images), times)
-        return Judged(frames * features, frames * self._target.image_error(images, times))
+        pixels = self._target.image_error(images, times) / (2 if self._target.blurs else 1)
+        return Judged(frames * features, frames * pixels)
 
     def _gap(self, times: Tensor, positives: Tensor, negatives: Tensor) -> Tensor:
         """How much further negatives are than positives in features (B,); 0 < gap is right where pixels agree."""

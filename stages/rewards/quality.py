@@ -32,9 +32,10 @@ class Quality:
     Attributes:
         metrics: `tau_KIND`, Kendall's tau-b along an episode between nearness to the target's last frame and progress,
             mean over episodes of the kind (expert, noisy, random); `tau_returns`, over all episodes, between the
-            return and the final distance; `tau_way`, between the return of a share of the expert's motion and that
-            share, from standing still to the whole: whether the reward leads there; `return_KIND`, mean returns. The
-            reward's ramp is the task's own. A tau is NaN where reward or progress never changes.
+            return and the final distance; `tau_way`, between the return of a share of the expert's motion (of the
+            driven joints) and that share, from standing still to the whole: whether the reward leads there;
+            `return_KIND`, mean returns. The reward's ramp is the task's own. A tau is NaN where reward or progress
+            never changes.
         curves: `KIND/feat`, `KIND/img`, rewards (n, T) of both terms; `KIND/distance` (n, T), normalised; `way/feat`,
             `way/img`, rewards (11, T) of 0, .1, ... 1 of the expert's motion.
     """
@@ -51,7 +52,7 @@ def reward_quality(
     target: TrackingTarget,
     pool: RenderPool,
     rng: np.random.Generator,
-    image_weight: float = 1.0,
+    image_weight: float,
     device: str = "cpu",
 ) -> Quality:
     """Roll out the expert, a noisy expert and random actions in one context; compare rewards with true distances.
@@ -83,7 +84,10 @@ def reward_quality(
         metrics[f"return_{kind}"] = float(returns[-1].mean())
         outcomes.append(episodes.normalised_distance)
     path = rollout(task, context, *task.context_state(context), act=expert, nthread=1).frame_qpos(task)
-    part = path[:, :1] + WAY[:, None, None] * (path - path[:, :1])
+    part = np.repeat(path[:, :1], task.frames, axis=1).repeat(len(WAY), axis=0)
+    driven = task.posture
+    part[..., driven] += WAY[:, None, None] * (path - path[:, :1])[..., driven]
+    part[-1] = path[0]  # What motors do not drive moves with the whole motion alone.
     feat, img, _ = _rewards(task, context, part, model, target, pool, image_weight, device)
     curves |= {"way/feat": feat, "way/img": img}
     metrics["tau_way"] = _tau(total(feat, img), WAY)

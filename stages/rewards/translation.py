@@ -5,7 +5,8 @@ R_feat(o_t) = -|Enc1(o_t) - mean_i F(o_t^i, o_0)|^2 and R_img(o_t) = -|o_t - mea
 
 The paper gives no scale, and sums over pixels run to thousands. Here each term is divided by how much the
 demonstrations themselves move: the sum over a video of its squared distance from its first frame, averaged over the
-demonstrations. An episode that stands still returns about -1 a term, one that follows the target about 0.
+demonstrations. An episode that stands still returns about -1 a term (of R_img with blur: -2, for it has two), one that
+follows the target about 0.
 
 R_img as the paper has it is flat wherever the robot's image does not overlap the target's: an arm two pixels wide that
 is five pixels off is as wrong as one on the other side of the table. So R_img here adds the same distance between
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
     from stages.rewards.negatives import NegativeTuning
 
 
+LEAST_MOTION = 0.003  # of what moves without blur: what a blurred target's own motion is taken to be at least
+
+
 @dataclass(frozen=True)
 class TrackingTarget:
     """What to track.
@@ -41,7 +45,7 @@ class TrackingTarget:
         images: Mean translated images (T, 3, H, W), in [-1, 1].
         feature_scale: What R_feat is divided by.
         image_scale: What R_img is divided by.
-        blur: Standard deviation, in pixels, of the Gaussian that R_img also compares the images under (0: it does not).
+        blur: Standard deviation, in pixels, of the Gaussian that R_img also compares images under; none below .1.
     """
 
     features: Tensor
@@ -50,11 +54,16 @@ class TrackingTarget:
     image_scale: float
     blur: float = 0.0
 
+    @property
+    def blurs(self) -> bool:
+        """Whether R_img compares blurred images, too."""
+        return self.blur >= 0.1
+
     @cached_property
     def _blurred(self) -> tuple[Tensor, float]:
-        """The blurred images (T, 3, H, W), and how much they move."""
+        """The blurred images (T, 3, H, W), and how much they move; a target that stands still is given a little."""
         blurred = gaussian(self.images, self.blur)
-        return blurred, float(motion(blurred[None]).clamp_min(1e-12))
+        return blurred, max(float(motion(blurred[None])), LEAST_MOTION * self.image_scale)
 
     def feature_error(self, features: Tensor, frames: int | Tensor) -> Tensor:
         """Squared distances (B,) of features (B, D) from the target's at the index or indices `frames`, scaled."""
@@ -63,7 +72,7 @@ class TrackingTarget:
     def image_error(self, images: Tensor, frames: int | Tensor) -> Tensor:
         """Squared distances (B,) of images (B, 3, H, W) from the target's, scaled; with `blur`, of blurred ones too."""
         error = (images - self.images[frames]).square().sum(dim=(1, 2, 3)) / self.image_scale
-        if self.blur:
+        if self.blurs:
             blurred, scale = self._blurred
             error = error + (gaussian(images, self.blur) - blurred[frames]).square().sum(dim=(1, 2, 3)) / scale
         return error

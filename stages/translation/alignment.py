@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from artifacts import UsageError
+from artifacts import PlatformError
 from stages.translation.networks import Translator, to_images
 
 SMOOTHING = 0.1  # soft-DTW's gamma, in units of the mean squared distance between two frames of a video
@@ -28,10 +28,10 @@ def require_tslearn() -> None:
     """Refuse to go on without tslearn.
 
     Raises:
-        UsageError: It is missing.
+        PlatformError: It is missing.
     """
     if find_spec("tslearn") is None:
-        raise UsageError("--align dtw needs tslearn, which is not installed: pip install 'ifo[align]'")
+        raise PlatformError("--align dtw needs tslearn: pip install 'ifo[align]', or give --align none")
 
 
 def common_index(sequences: np.ndarray) -> np.ndarray:
@@ -45,14 +45,14 @@ def common_index(sequences: np.ndarray) -> np.ndarray:
         barycentre shows at time t.
 
     Raises:
-        UsageError: tslearn is missing.
+        PlatformError: tslearn is missing.
     """
     require_tslearn()
     from tslearn.barycenters import softdtw_barycenter
     from tslearn.metrics import soft_dtw_alignment
 
-    scaled = _scaled(sequences.astype(np.float64))
-    if scaled.shape[2] == 0:  # Nothing moves: an untrained network, or videos that stand still.
+    scaled = _scaled(sequences)
+    if scaled.shape[2] == 0:  # Nothing moves, or nothing that can be compared: equal times.
         return np.tile(np.arange(scaled.shape[1], dtype=np.float64), (len(scaled), 1))
     few = scaled[np.linspace(0, len(scaled) - 1, min(REFERENCES, len(scaled))).astype(int)]
     # From the most typical sequence, not from their mean: a mean over many tempos is a blur that none goes through.
@@ -69,11 +69,20 @@ def common_index(sequences: np.ndarray) -> np.ndarray:
 
 def _scaled(sequences: np.ndarray) -> np.ndarray:
     """Sequences (n, T, D) whose mean squared distance between two frames is one, in the directions they move in."""
-    moved = sequences - sequences.mean(axis=1, keepdims=True)
+    covariance = np.zeros((sequences.shape[2], sequences.shape[2]))
+    for start in range(0, len(sequences), CHUNK):  # Not all at once: a copy of many videos' features is large.
+        part = sequences[start : start + CHUNK]
+        moved = (part - part.mean(axis=1, keepdims=True)).reshape(-1, sequences.shape[2]).astype(np.float64)
+        covariance += moved.T @ moved
+    covariance /= sequences.shape[0] * sequences.shape[1]
+    if not np.isfinite(covariance).all():
+        return np.zeros((*sequences.shape[:2], 0))
     # A few directions hold what moves; soft-DTW's cost grows with their number.
-    values, directions = np.linalg.eigh(np.einsum("ntd,nte->de", moved, moved) / moved[..., 0].size)
-    kept = directions[:, values > values[-1] * 1e-3][:, -16:]
-    return sequences @ kept / np.sqrt(max(2 * values.sum(), 1e-12))
+    values, directions = np.linalg.eigh(covariance)
+    kept = directions[:, values > max(values[-1] * 1e-3, 1e-12)][:, -16:]
+    # From the first frame on: what a translation keeps of its source's context is no matter of time.
+    projected = (sequences - sequences[:, :1]) @ kept.astype(sequences.dtype)
+    return projected.astype(np.float64) / np.sqrt(max(2 * values.sum(), 1e-12))
 
 
 def at_index(values: Tensor, index: np.ndarray) -> Tensor:

@@ -109,7 +109,7 @@ class TranslatorTraining:
         index = np.tile(shown, (len(chosen), 1)) if self._index is None else self._index[chosen][:, shown]
         picked = self._frames[torch.from_numpy(chosen)[:, None], torch.from_numpy(index)]
         images = to_images(picked.to(self.device))
-        # Neither changes what a video means: a mirrored arm and swapped colours are a context like any other.
+        # Neither changes what a video means, though a mirrored one shows a robot that bends the other way.
         mirrored, swapped = torch.from_numpy(rng.random((2, len(chosen))) < 0.5).to(self.device)
         if config.mirror:
             images = torch.where(mirrored[:, None, None, None, None], images.flip(-1), images)

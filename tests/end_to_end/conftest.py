@@ -54,7 +54,7 @@ def toy(tmp_path_factory):
     return ToyRun(folder, time.monotonic() - start, done.stdout, done.stderr)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def ifo():
     """A function that runs one `ifo` command in a folder and returns the finished process."""
 

@@ -95,6 +95,7 @@ def test_flat_is_no_gain_over_as_many_iterations_before():
     assert is_flat(flat, 4)
     assert not is_flat(flat[:6], 4), "too few to tell"
     assert not is_flat(flat, 0), "never, by default"
+    assert is_flat([0.0] * 8, 4), "a return that never changes is flat"
     assert is_flat([*rising, *[19.0 - k for k in range(8)]], 4), "falling is no gain either"
 
 

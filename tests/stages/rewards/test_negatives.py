@@ -122,7 +122,9 @@ def test_a_restored_tuning_goes_on_bit_for_bit(tuning):
         assert torch.equal(value, again.model.state_dict()[name]), name
 
 
-@pytest.mark.parametrize("options", [{"reward": "oracle"}, {"reward": "video"}, {"without": ("feat",)}])
+@pytest.mark.parametrize(
+    "options", [{"reward": "oracle"}, {"reward": "video"}, {"without": ("feat",)}, {"patience": 5}, {"learner": "sac"}]
+)
 def test_negatives_go_with_the_features_of_a_translation(options, tmp_path):
     run = RunOptions(
         preset="toy", seed=0, device="cpu", workers=1, out=None, resume=False, command="", progress=Progress(quiet=True)

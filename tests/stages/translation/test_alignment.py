@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from artifacts import UsageError
+from artifacts import PlatformError
 from stages.collect_demos import playback
 from stages.configs import TranslatorConfig
 from stages.translation import alignment
@@ -65,7 +65,7 @@ def test_playback_keeps_its_bounds():
 
 def test_without_tslearn_one_line_says_what_to_install(monkeypatch):
     monkeypatch.setattr(alignment, "find_spec", lambda name: None)
-    with pytest.raises(UsageError, match=r"ifo\[align\]"):
+    with pytest.raises(PlatformError, match=r"ifo\[align\]"):
         common_index(sequences(np.tile(np.arange(T), (3, 1))))
 
 
