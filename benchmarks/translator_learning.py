@@ -46,9 +46,11 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=30, help="CPU minutes of each network")
     parser.add_argument("--points", type=int, default=3, help="evaluations on the way, the last at the end")
     arguments = parser.parse_args()
+    if not arguments.demos.exists():
+        parser.error(f"{arguments.demos}: no such file: collect demonstrations first, as above")
     torch.set_num_threads(1)
     frames = torch.from_numpy(read_artifact(arguments.demos, "demos")["frames"])
-    compact = dataclasses.replace(PRESETS["quick"]["train-translator"], rec_frames=1, mirror=False)
+    compact = dataclasses.replace(PRESETS["quick"]["train-translator"])
     trial = trained(compact, frames)
     rate = sum(step(trial) for _ in range(WARM)) / WARM
     compact = dataclasses.replace(compact, steps=int(60 * arguments.minutes / rate))

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from commands import ifo
-from paper import COLUMNS, EXPERTS, RUNS, rows
+from paper import COLUMNS, EXPERTS, RUNS, minutes, rows
 
 from artifacts import read_artifact
 from stages.simulation.gl import choose_backend
@@ -88,24 +88,23 @@ def main() -> None:
     with ThreadPoolExecutor(arguments.parallel) as pool:
         list(pool.map(lambda cell: translator(*cell), cells))
         jobs = [(task, name, seed) for task, name in cells for seed in CONTEXTS]
-        policies = dict(zip(jobs, pool.map(lambda job: learn(*job), jobs), strict=True))
+        list(pool.map(lambda job: learn(*job), jobs))
     table: list[dict[str, object]] = []
-    for task in dict.fromkeys(task for task, _ in cells):
-        plain = ifo(
-            "evaluate",
-            *[RUNS / f"{task}-c{seed}.policy.h5" for seed in CONTEXTS],
-            out=VARIANTS / f"{task}-plain.evaluation.h5",
-        )
-        found = {"plain": plain}
-        for name in arguments.only:
-            if task in PLAN[name].tasks:
-                mine = [policies[task, name, seed] for seed in CONTEXTS]
-                found[name] = ifo("evaluate", *mine, out=VARIANTS / f"{task}-{name}.evaluation.h5")
-        for name, evaluation in found.items():
-            policy = read_artifact(evaluation, "evaluation").parent("policy").path
-            trained = read_artifact(policy, "policy").parent("translation").parent("translator")
-            for row in rows(task, "translation", evaluation, float(trained["curve/seconds"].sum() / 60)):
-                table.append({**row, "method": name})
+    for task in dict.fromkeys(task for variant in PLAN.values() for task in variant.tasks):
+        for name in ("plain", *PLAN):
+            start = RUNS / task if name == "plain" else VARIANTS / f"{task}-{name}"
+            mine = [Path(f"{start}-c{seed}.policy.h5") for seed in CONTEXTS]
+            if not all(policy.exists() for policy in mine):
+                continue
+            evaluation = VARIANTS / f"{task}-{name}.evaluation.h5"
+            evaluation.unlink(missing_ok=True)
+            ifo("evaluate", *mine, out=evaluation)
+            trained = read_artifact(mine[0], "policy").parent("translation").parent("translator")
+            for row in rows(task, "translation", evaluation, minutes(trained)):
+                # What `ifo translate` said of the reward, it said of the one without these options.
+                other = name in PLAN and PLAN[name].learn
+                kept = {key: value for key, value in row.items() if not (other and key.startswith("tau_"))}
+                table.append({**kept, "method": name})
     with (HERE / "variants.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS)
         writer.writeheader()

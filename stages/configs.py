@@ -72,7 +72,12 @@ class DemosConfig:
     contexts: str = option("paper", "Contexts to draw from" + VIEWPOINTS, CONTEXTS)
     vary: str = option("", VARY)
     keep_failures: bool = option(False, "Keep demonstrations in which the expert failed.")
-    jitter: float = option(0.0, "Play each video at its own tempo, which wanders by up to this share.", low=0, high=1)
+    jitter: float = option(
+        0.0,
+        "Play each video at its own tempo, which wanders by up to this share (distances stay the whole episode's).",
+        low=0,
+        high=1,
+    )
 
 
 @dataclass(frozen=True)
