@@ -18,7 +18,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from commands import ifo
-from paper import COLUMNS, EXPERTS, RUNS, minutes, rows
+from paper import rows
+from plan import COLUMNS, EXPERTS, RUNS
+from report import minutes
 
 from artifacts import read_artifact
 from stages.simulation.gl import choose_backend

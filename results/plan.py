@@ -1,0 +1,59 @@
+"""What results/paper.py runs, and where its files lie."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+HERE = Path(os.path.relpath(Path(__file__).parent))
+EXPERTS, RUNS = Path("runs/tasks"), Path("runs/paper")
+SHOWN = 4  # contexts in a task's MP4 grid
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is run on a task.
+
+    Attributes:
+        contexts: Unseen contexts, one learning run each.
+        paper: The paper's success rate (method, oracle).
+        random: Contexts in which the reward of a translator of random weights is learned from, too.
+    """
+
+    contexts: int
+    paper: tuple[float, float]
+    random: int = 0
+
+
+PLANS = {
+    "reach": Plan(10, (0.85, 0.90), random=5),
+    "push": Plan(10, (0.85, 0.90)),
+    "sweep": Plan(5, (1.0, 1.0)),
+    "strike": Plan(5, (0.95, 1.0)),
+}
+NAMES = {"translation": "translation", "random": "translator of random weights", "oracle": "oracle"}
+# What is known before learning -> 1 where more is better, else -1.
+PROXIES = {"psnr": 1, "image_ratio": -1, "feature_ratio": -1, "tau_expert": 1, "tau_noisy": 1, "tau_returns": 1}
+COLUMNS = (
+    "task",
+    "method",
+    "context_seed",
+    "initial_distance",
+    "final_distance",
+    "normalised_distance",
+    "success_paper",
+    "normalised_distance_deterministic",
+    "success_deterministic",
+    "samples",
+    "translator_minutes",
+    "learning_minutes",
+    "psnr",
+    "copy_psnr",
+    "image_ratio",
+    "feature_ratio",
+    "tau_expert",
+    "tau_noisy",
+    "tau_random",
+    "tau_returns",
+)

@@ -1,0 +1,185 @@
+"""Tables, plots and videos of results/paper.py, made from artifacts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from plan import EXPERTS, HERE, NAMES, PLANS, PROXIES, RUNS, SHOWN
+from scipy.stats import spearmanr
+
+from artifacts import Artifact, read_artifact, tile_videos, write_mp4
+from stages.simulation.tasks import make_task
+from stages.statistics import wilson
+
+
+def success_table(table: list[dict[str, object]]) -> list[str]:
+    """Success rates a task, with intervals, beside the paper's."""
+    lines = [
+        "| task | runs | success, paper's criterion [95%] | deterministic episodes | distance left, mean | oracle: "
+        "success, distance | the paper's: method, oracle |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for task, plan in PLANS.items():
+        mine = [row for row in table if row["task"] == task and row["method"] == "translation"]
+        oracle = [row for row in table if row["task"] == task and row["method"] == "oracle"]
+        if not mine:
+            lines.append(f"| {task} | not finished | | | | | |")
+            continue
+        succeeded = sum(int(str(row["success_paper"])) for row in mine)
+        low, high = wilson(succeeded, len(mine))
+
+        def mean(rows: list[dict[str, object]], name: str) -> float:
+            return float(np.mean([float(str(row[name])) for row in rows]))
+
+        lines.append(
+            f"| {task} | {len(mine)} | {succeeded / len(mine):.2f} [{low:.2f}, {high:.2f}] "
+            f"| {mean(mine, 'success_deterministic'):.2f} | {mean(mine, 'normalised_distance'):.3f} "
+            f"| {mean(oracle, 'success_paper'):.2f}, {mean(oracle, 'normalised_distance'):.3f} "
+            f"| {plan.paper[0]:.2f}, {plan.paper[1]:.2f} |"
+        )
+    return lines
+
+
+def run_table(table: list[dict[str, object]]) -> list[str]:
+    """Distances and rewards' quality, run by run."""
+    lines = []
+    for task in PLANS:
+        for method in ("translation", "random", "oracle"):
+            mine = [row for row in table if row["task"] == task and row["method"] == method]
+            if mine:
+                left = ", ".join(f"{float(str(row['normalised_distance'])):.2f}" for row in mine)
+                lines.append(f"- {task}, {NAMES[method]}: {left}")
+    return lines
+
+
+def proxy_table(table: list[dict[str, object]]) -> list[str]:
+    """Spearman's rank correlation of each figure known before learning with the distance left after it."""
+    lines = ["| task | " + " | ".join(PROXIES) + " |", "| --- |" + " --- |" * len(PROXIES)]
+    for task in PLANS:
+        mine = [row for row in table if row["task"] == task and row["method"] == "translation"]
+        if len(mine) < 5:
+            continue
+        cells = []
+        for name, sign in PROXIES.items():
+            pairs = [(sign * float(str(r[name])), -float(str(r["normalised_distance"]))) for r in mine if name in r]
+            cells.append(f"{spearmanr(*zip(*pairs, strict=True)).statistic:.2f}" if len(pairs) > 2 else "-")
+        lines.append(f"| {task} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def translator_table(translators: dict[str, Artifact]) -> list[str]:
+    """Held-out figures and cost of each translator."""
+    lines = [
+        "| task | demonstrations | steps | minutes, one thread | PSNR (copying), dB | SSIM (copying) | feature ratio |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for task, artifact in translators.items():
+        m = {name: float(value) for name, value in artifact.group("metrics").items()}
+        lines.append(
+            f"| {task} | {artifact.config['demonstrations']} | {artifact.config['steps']} | {minutes(artifact):.0f} "
+            f"| {m['psnr']:.2f} ({m['copy_psnr']:.2f}) | {m['ssim']:.3f} ({m['copy_ssim']:.3f}) "
+            f"| {m['feature_ratio']:.2f} |"
+        )
+    return lines
+
+
+def minutes(translator: Artifact) -> float:
+    """Minutes that training took, its evaluations included."""
+    return float(translator["curve/seconds"].sum() / 60)
+
+
+def _png(draw: Callable, path: Path, panels: int) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(1, panels, figsize=(4.2 * panels, 3.6), dpi=110, squeeze=False)
+    draw(axes[0])
+    figure.tight_layout()
+    figure.savefig(path, metadata={"Software": None})
+    pyplot.close(figure)
+
+
+def plots(translators: dict[str, Artifact]) -> None:
+    """Learning curves of policies, and of translators."""
+
+    def learning(axes: np.ndarray) -> None:
+        for panel, task in zip(axes, PLANS, strict=True):
+            for folder, colour, label in ((EXPERTS, "tab:grey", "oracle"), (RUNS, "tab:blue", "translation")):
+                for seed in range(PLANS[task].contexts):
+                    path = folder / f"{task}-c{seed}.policy.h5"
+                    if path.exists():
+                        policy = read_artifact(path, "policy")
+                        x, y = policy["curve/samples"] / 1000, policy["curve/normalised_distance"]
+                        panel.plot(x, y, color=colour, alpha=0.7, linewidth=1, label=label if seed == 0 else None)
+            panel.axhline(make_task(task).success_threshold, color="black", linestyle="--", linewidth=0.8)
+            panel.set(title=task, xlabel="thousands of samples", ylabel="final / initial distance", ylim=(0, 2))
+            panel.legend(fontsize=7)
+
+    def translation(axes: np.ndarray) -> None:
+        for task, artifact in translators.items():
+            spent = np.cumsum(artifact["curve/seconds"]) / 60
+            axes[0].plot(spent, artifact["curve/held_out/psnr"], label=task)
+            axes[1].plot(spent, artifact["curve/held_out/feature_ratio"], label=task)
+        for panel, name in zip(axes, ("held-out PSNR, dB", "feature ratio"), strict=True):
+            panel.set(xlabel="minutes of training, one thread", ylabel=name)
+            panel.legend(fontsize=8)
+
+    _png(learning, HERE / "paper-learning.png", len(PLANS))
+    if translators:
+        _png(translation, HERE / "paper-translators.png", 2)
+
+
+def grid(task: str) -> None:
+    """An MP4 a task: mean translation, the true expert's video and the learned policy's, in unseen contexts."""
+    found = []
+    for seed in range(SHOWN):
+        path = RUNS / f"{task}-c{seed}.translation.h5"
+        if path.exists():
+            artifact = read_artifact(path, "translation")
+            frame, truth = artifact["context_frame"], artifact["expert_frames"]
+            mean = np.clip(artifact["target_images"], 0, 255).round().astype(np.uint8)
+            one = artifact["images"][0]
+            found.append([np.repeat(frame[None], len(truth), axis=0), one, mean, truth])
+    if found:
+        labels = ["context", "translation", "mean of 200", "expert here"]
+        write_mp4(HERE / "videos" / f"paper-{task}.mp4", tile_videos(found, labels=labels), fps=10)
+
+
+def report(table: list[dict[str, object]], translators: dict[str, Artifact]) -> None:
+    """Write paper.md."""
+    text = [
+        "# The paper's experiment on two CPU cores",
+        "",
+        "Made by `python results/paper.py` from evaluation artifacts; every run is in paper.csv. Demonstrations and "
+        "learners in the paper's contexts (full circle of azimuths); contexts of learners were never demonstrated in. "
+        "Policies learn from the translation reward alone, 60 iterations of 5,000 samples.",
+        "",
+        *success_table(table),
+        "",
+        "Final over initial distance of every run (mean over 100 episodes of the stochastic policy):",
+        "",
+        *run_table(table),
+        "",
+        "![learning curves](paper-learning.png)",
+        "",
+        "## Translators",
+        "",
+        *translator_table(translators),
+        "",
+        "![held-out curves](paper-translators.png)",
+        "",
+        *[f"- videos/paper-{task}.mp4: a single translation, the mean of 200, and the truth" for task in translators],
+        "",
+        "## Does the proxy predict the outcome?",
+        "",
+        "Spearman's rank correlation between what `ifo translate` knows before any learning and how near the goal the "
+        "run then ends (1: the better the figure, the nearer):",
+        "",
+        *proxy_table(table),
+        "",
+    ]
+    (HERE / "paper.md").write_text("\n".join(text))
