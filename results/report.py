@@ -59,7 +59,7 @@ def proxy_table(table: list[dict[str, object]]) -> list[str]:
     lines = ["| task | " + " | ".join(PROXIES) + " |", "| --- |" + " --- |" * len(PROXIES)]
     for task in PLANS:
         mine = [row for row in table if row["task"] == task and row["method"] == "translation"]
-        if len(mine) < 5:
+        if len(mine) < 5:  # too few to rank
             continue
         cells = []
         for name, sign in PROXIES.items():
