@@ -214,11 +214,16 @@ PRESETS: dict[str, dict[str, Any]] = {
 
 # What a task needs otherwise than its preset: task, or prefix of tasks, -> preset -> stage -> fields.
 _SUITE = {"learner": "sac", "hidden": 128, "discount": 0.99, "test_contexts": 50, "test_episodes": 4}
-_ONE_COLOUR = {"swap_colours": False}
+_ONE_COLOUR: dict[str, Any] = {"swap_colours": False}
+_STRIKE: dict[str, dict[str, Any]] = {"train-expert": {"iterations": 200}, "train-translator": _ONE_COLOUR}
 TASK_DEFAULTS: dict[str, dict[str, dict[str, dict[str, Any]]]] = {
     "push": {"*": {"train-expert": {"iterations": 150}, "train-translator": _ONE_COLOUR}},
     "sweep": {"*": {"train-expert": {"iterations": 100}, "train-translator": _ONE_COLOUR}},
-    "strike": {"*": {"train-expert": {"iterations": 200}, "train-translator": _ONE_COLOUR}},
+    "strike": {
+        # R_feat bars the way to the ball (results/LOG.md).
+        "*": {**_STRIKE, "learn-policy": {"image_weight": 8.0}},
+        "paper": _STRIKE,
+    },
     "dm:": {
         "*": {
             "train-expert": {**_SUITE, "iterations": 60, "episodes": 4, "updates": 0.25},
