@@ -4,7 +4,8 @@
     python results/paper.py
 
 Demonstrations in the paper's contexts, a compact translator a task, and in each unseen context a policy that learns
-from the translation reward alone. Finished artifacts, in runs/paper, are not made again; --only takes one part of it.
+from the translation reward alone. Finished artifacts, in runs/paper, are not made again; --only takes one part of it,
+and the tables keep their rows of tasks that are not there.
 """
 
 from __future__ import annotations
@@ -16,10 +17,10 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from commands import ifo
-from plan import COLUMNS, EXPERTS, HERE, PLANS, RUNS
-from report import grid, minutes, plots, report
+from plan import COLUMNS, EXPERTS, HERE, PLANS, RUNS, TRANSLATOR_COLUMNS
+from report import grid, minutes, plot, report
 
-from artifacts import read_artifact
+from artifacts import Artifact, read_artifact
 from stages.simulation.gl import choose_backend
 from stages.simulation.tasks import make_task
 
@@ -93,6 +94,32 @@ def rows(task: str, method: str, evaluation: Path, translator_minutes: float) ->
     return made
 
 
+def translator_row(task: str, translator: Artifact) -> dict[str, object]:
+    """A row of translators.csv: cost and held-out figures."""
+    measured = {name: round(float(value), 3) for name, value in translator.group("metrics").items()}
+    config = {name: translator.config[name] for name in ("demonstrations", "steps")}
+    known = {"task": task, **config, "minutes": round(minutes(translator), 1), **measured}
+    return {name: known[name] for name in TRANSLATOR_COLUMNS}
+
+
+def kept(path: Path, tasks: list[str]) -> list[dict[str, object]]:
+    """Rows of an earlier table, of tasks that are not among `tasks`."""
+    if not path.exists():
+        return []
+    with path.open(newline="") as file:
+        return [dict(row) for row in csv.DictReader(file) if row["task"] not in tasks]
+
+
+def write(path: Path, columns: tuple[str, ...], table: list[dict[str, object]]) -> list[dict[str, object]]:
+    """Write a table, its tasks in the order of PLANS; returns it so ordered."""
+    table = sorted(table, key=lambda row: list(PLANS).index(str(row["task"])))
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, columns)
+        writer.writeheader()
+        writer.writerows(table)
+    return table
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--parallel", type=int, default=2, help="runs side by side")
@@ -112,27 +139,25 @@ def main() -> None:
                 for seed in seeds(task, method)
             ]
             list(pool.map(lambda job: learn(*job), jobs))
-    table: list[dict[str, object]] = []
-    translators = {
-        task: read_artifact(RUNS / f"{task}.translator.h5", "translator")
-        for task in PLANS
-        if (RUNS / f"{task}.translator.h5").exists()
-    }
-    for task, translator in translators.items():
+    translators, table = {}, []
+    for task in PLANS:
+        if (evaluation := evaluate(task, "translation")) is None:
+            continue
+        translators[task] = read_artifact(RUNS / f"{task}.translator.h5", "translator")
         for method in ("translation", "random", "oracle"):
-            evaluation = evaluate(task, method)
-            if evaluation is not None:
-                table += rows(task, method, evaluation, minutes(translator))
+            made = evaluation if method == "translation" else evaluate(task, method)
+            if made is not None:
+                table += rows(task, method, made, minutes(translators[task]))
         grid(task)
-        picture = RUNS / f"{task}-c0.translation.png"
-        if picture.exists():
-            shutil.copy(picture, HERE / f"paper-{task}-reward.png")
-    with (HERE / "paper.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS)
-        writer.writeheader()
-        writer.writerows(table)
-    plots(translators)
-    report(table, translators)
+        shutil.copy(RUNS / f"{task}-c0.translation.png", HERE / f"paper-{task}-reward.png")
+    fresh = list(translators)
+    trained = [translator_row(task, artifact) for task, artifact in translators.items()]
+    runs, costs = HERE / "paper.csv", HERE / "translators.csv"
+    if set(fresh) == set(PLANS):
+        plot(translators)
+    report(
+        write(runs, COLUMNS, table + kept(runs, fresh)), write(costs, TRANSLATOR_COLUMNS, trained + kept(costs, fresh))
+    )
 
 
 if __name__ == "__main__":

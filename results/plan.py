@@ -30,11 +30,19 @@ PLANS = {
     "reach": Plan(10, (0.85, 0.90), random=5),
     "push": Plan(10, (0.85, 0.90)),
     "sweep": Plan(5, (1.0, 1.0)),
-    "strike": Plan(5, (0.95, 1.0)),
+    "strike": Plan(10, (0.95, 1.0)),
 }
 NAMES = {"translation": "translation", "random": "translator of random weights", "oracle": "oracle"}
 # What is known before learning -> 1 where more is better, else -1.
-PROXIES = {"psnr": 1, "image_ratio": -1, "feature_ratio": -1, "tau_expert": 1, "tau_noisy": 1, "tau_returns": 1}
+PROXIES = {
+    "psnr": 1,
+    "image_ratio": -1,
+    "feature_ratio": -1,
+    "tau_expert": 1,
+    "tau_noisy": 1,
+    "tau_returns": 1,
+    "tau_way": 1,
+}
 COLUMNS = (
     "task",
     "method",
@@ -56,4 +64,16 @@ COLUMNS = (
     "tau_noisy",
     "tau_random",
     "tau_returns",
+    "tau_way",
+)
+TRANSLATOR_COLUMNS = (
+    "task",
+    "demonstrations",
+    "steps",
+    "minutes",
+    "psnr",
+    "copy_psnr",
+    "ssim",
+    "copy_ssim",
+    "feature_ratio",
 )

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
-from plan import EXPERTS, HERE, NAMES, PLANS, PROXIES, RUNS, SHOWN
+from plan import HERE, NAMES, PLANS, PROXIES, RUNS, SHOWN
 from scipy.stats import spearmanr
 
 from artifacts import Artifact, read_artifact, tile_videos, write_mp4
-from stages.simulation.tasks import make_task
 from stages.statistics import wilson
 
 
@@ -63,22 +59,26 @@ def proxy_table(table: list[dict[str, object]]) -> list[str]:
             continue
         cells = []
         for name, sign in PROXIES.items():
-            pairs = [(sign * float(str(r[name])), -float(str(r["normalised_distance"]))) for r in mine if name in r]
+            pairs = [
+                (sign * float(str(r[name])), -float(str(r["normalised_distance"])))
+                for r in mine
+                if r.get(name, "") != ""
+            ]
             cells.append(f"{spearmanr(*zip(*pairs, strict=True)).statistic:.2f}" if len(pairs) > 2 else "-")
         lines.append(f"| {task} | " + " | ".join(cells) + " |")
     return lines
 
 
-def translator_table(translators: dict[str, Artifact]) -> list[str]:
+def translator_table(translators: list[dict[str, object]]) -> list[str]:
     """Held-out figures and cost of each translator."""
     lines = [
         "| task | demonstrations | steps | minutes, one thread | PSNR (copying), dB | SSIM (copying) | feature ratio |",
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
-    for task, artifact in translators.items():
-        m = {name: float(value) for name, value in artifact.group("metrics").items()}
+    for row in translators:
+        m = {name: float(str(value)) for name, value in row.items() if name != "task"}
         lines.append(
-            f"| {task} | {artifact.config['demonstrations']} | {artifact.config['steps']} | {minutes(artifact):.0f} "
+            f"| {row['task']} | {row['demonstrations']} | {row['steps']} | {m['minutes']:.0f} "
             f"| {m['psnr']:.2f} ({m['copy_psnr']:.2f}) | {m['ssim']:.3f} ({m['copy_ssim']:.3f}) "
             f"| {m['feature_ratio']:.2f} |"
         )
@@ -90,47 +90,24 @@ def minutes(translator: Artifact) -> float:
     return float(translator["curve/seconds"].sum() / 60)
 
 
-def _png(draw: Callable, path: Path, panels: int) -> None:
+def plot(translators: dict[str, Artifact]) -> None:
+    """Held-out curves of the translators."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, axes = pyplot.subplots(1, panels, figsize=(4.2 * panels, 3.6), dpi=110, squeeze=False)
-    draw(axes[0])
+    figure, axes = pyplot.subplots(1, 2, figsize=(8.4, 3.6), dpi=110)
+    for task, artifact in translators.items():
+        spent = np.cumsum(artifact["curve/seconds"]) / 60
+        axes[0].plot(spent, artifact["curve/held_out/psnr"], label=task)
+        axes[1].plot(spent, artifact["curve/held_out/feature_ratio"], label=task)
+    for panel, name in zip(axes, ("held-out PSNR, dB", "feature ratio"), strict=True):
+        panel.set(xlabel="minutes of training, one thread", ylabel=name)
+        panel.legend(fontsize=8)
     figure.tight_layout()
-    figure.savefig(path, metadata={"Software": None})
+    figure.savefig(HERE / "paper-translators.png", metadata={"Software": None})
     pyplot.close(figure)
-
-
-def plots(translators: dict[str, Artifact]) -> None:
-    """Learning curves of policies, and of translators."""
-
-    def learning(axes: np.ndarray) -> None:
-        for panel, task in zip(axes, PLANS, strict=True):
-            for folder, colour, label in ((EXPERTS, "tab:grey", "oracle"), (RUNS, "tab:blue", "translation")):
-                for seed in range(PLANS[task].contexts):
-                    path = folder / f"{task}-c{seed}.policy.h5"
-                    if path.exists():
-                        policy = read_artifact(path, "policy")
-                        x, y = policy["curve/samples"] / 1000, policy["curve/normalised_distance"]
-                        panel.plot(x, y, color=colour, alpha=0.7, linewidth=1, label=label if seed == 0 else None)
-            panel.axhline(make_task(task).success_threshold, color="black", linestyle="--", linewidth=0.8)
-            panel.set(title=task, xlabel="thousands of samples", ylabel="final / initial distance", ylim=(0, 2))
-            panel.legend(fontsize=7)
-
-    def translation(axes: np.ndarray) -> None:
-        for task, artifact in translators.items():
-            spent = np.cumsum(artifact["curve/seconds"]) / 60
-            axes[0].plot(spent, artifact["curve/held_out/psnr"], label=task)
-            axes[1].plot(spent, artifact["curve/held_out/feature_ratio"], label=task)
-        for panel, name in zip(axes, ("held-out PSNR, dB", "feature ratio"), strict=True):
-            panel.set(xlabel="minutes of training, one thread", ylabel=name)
-            panel.legend(fontsize=8)
-
-    _png(learning, HERE / "paper-learning.png", len(PLANS))
-    if translators:
-        _png(translation, HERE / "paper-translators.png", 2)
 
 
 def grid(task: str) -> None:
@@ -149,7 +126,7 @@ def grid(task: str) -> None:
         write_mp4(HERE / "videos" / f"paper-{task}.mp4", tile_videos(found, labels=labels), fps=10)
 
 
-def report(table: list[dict[str, object]], translators: dict[str, Artifact]) -> None:
+def report(table: list[dict[str, object]], translators: list[dict[str, object]]) -> None:
     """Write paper.md."""
     text = [
         "# The paper's experiment on two CPU cores",
@@ -164,7 +141,9 @@ def report(table: list[dict[str, object]], translators: dict[str, Artifact]) -> 
         "",
         *run_table(table),
         "",
-        "![learning curves](paper-learning.png)",
+        "Learning curves:",
+        "",
+        *[f"![learning curves of {row['task']}](paper-{row['task']}.evaluation.png)" for row in translators],
         "",
         "## Translators",
         "",
@@ -172,7 +151,9 @@ def report(table: list[dict[str, object]], translators: dict[str, Artifact]) -> 
         "",
         "![held-out curves](paper-translators.png)",
         "",
-        *[f"- videos/paper-{task}.mp4: a single translation, the mean of 200, and the truth" for task in translators],
+        "Videos: a single translation, the mean of 200, and the truth, in four contexts:",
+        "",
+        *[f"- [{row['task']}](videos/paper-{row['task']}.mp4)" for row in translators],
         "",
         "## Does the proxy predict the outcome?",
         "",

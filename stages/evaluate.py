@@ -25,6 +25,7 @@ from stages.simulation.contexts import Contexts, repeat
 from stages.statistics import bootstrap_mean, wilson
 
 SHOWN = 6  # policies in the MP4
+CURVES = ("curve/samples", "curve/normalised_distance")  # of each policy's learning, kept with its evaluation
 
 
 def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> StageResult:
@@ -72,7 +73,9 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     write_artifact(
         out,
         "evaluation",
-        arrays | {f"summary/{k}": np.asarray(v, np.float64) for k, v in summary.items() if not isinstance(v, str)},
+        arrays
+        | {name: _padded([source[name] for source in sources]) for name in CURVES}
+        | {f"summary/{k}": np.asarray(v, np.float64) for k, v in summary.items() if not isinstance(v, str)},
         config=described,
         seed=run.seed,
         command=run.command,
@@ -88,6 +91,14 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     )
     pictures = {"curves": str(sibling(out, ".png")), "video": str(sibling(out, ".mp4"))}
     return StageResult(out, {**summary, **pictures})
+
+
+def _padded(rows: list[np.ndarray]) -> np.ndarray:
+    """Rows of their own lengths as one array (R, I), with NaN behind the shorter ones."""
+    padded = np.full((len(rows), max(map(len, rows))), np.nan)
+    for row, values in zip(padded, rows, strict=True):
+        row[: len(values)] = values
+    return padded
 
 
 def _describe(source: Artifact) -> dict[str, Any]:

@@ -9,7 +9,11 @@ import pytest
 
 pytestmark = [pytest.mark.slow, pytest.mark.gl]
 ROOT = Path(__file__).parent.parent
-WORDS = {"learn_cost": ["--iterations", "1"], "translator_learning": ["--minutes", "0.3", "--points", "1"]}
+WORDS = {
+    "learn_cost": ["--iterations", "1"],
+    "translator_cost": ["--steps", "2"],
+    "translator_learning": ["--minutes", "0.3", "--points", "1"],
+}
 
 
 @pytest.fixture(scope="module")

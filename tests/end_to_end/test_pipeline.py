@@ -83,6 +83,19 @@ def test_other_rewards_and_learners(toy, ifo, tmp_path, option):
     assert np.isfinite(curve).all()
 
 
+def test_an_evaluation_keeps_the_learning_curves_of_all_its_policies(toy, ifo, tmp_path):
+    short, out = tmp_path / "short.policy.h5", tmp_path / "both.evaluation.h5"
+    words = ("learn-policy", toy.artifact("translation"), "--reward", "oracle", "--iterations", 2, "--out", short)
+    assert ifo(toy.folder, *words).returncode == 0
+    assert ifo(toy.folder, "evaluate", toy.artifact("policy"), short, "--out", out).returncode == 0
+    kept = read_artifact(out, "evaluation")
+    for name in ("curve/samples", "curve/normalised_distance"):
+        for row, path in zip(kept[name], (toy.artifact("policy"), short), strict=True):
+            curve = read_artifact(path, "policy")[name]
+            np.testing.assert_array_equal(row[: len(curve)], curve)
+            assert np.isnan(row[len(curve) :]).all()
+
+
 def test_an_empty_pipe_says_so(toy, ifo):
     for stage in ("train-translator", "translate", "learn-policy", "evaluate"):
         done = ifo(toy.folder, stage, input="")
