@@ -19,6 +19,7 @@ from artifacts import (
     write_mp4,
 )
 from stages.configs import EvaluateConfig
+from stages.methods import describe_method
 from stages.run import RunOptions, StageResult, environment, full_config, pick_workers
 from stages.seeding import generator, integer
 from stages.simulation.contexts import Contexts, repeat
@@ -106,8 +107,7 @@ def _describe(source: Artifact) -> dict[str, Any]:
     config = source.config
     described = {
         "policy": source.path.name,
-        "reward": config["reward"],
-        "learner": config["learner"],
+        **describe_method(source),
         "seed": source.manifest.seed,
         "context_seed": config["context_seed"],
         "contexts": config["contexts"],
