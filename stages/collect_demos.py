@@ -21,7 +21,7 @@ from artifacts import (
 from stages.configs import DEFAULT_PRESET, DemosConfig, defaults
 from stages.run import RunOptions, StageResult, environment, full_config, pick_workers
 from stages.seeding import generator
-from stages.simulation.contexts import Contexts, take
+from stages.simulation.contexts import Contexts, repeat, take
 from stages.simulation.task import State, Task
 
 CHUNK = 256  # demonstrations rolled out and drawn at a time
@@ -40,7 +40,7 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
     from stages.learners.policy import Policy
     from stages.simulation.gl import choose_backend
     from stages.simulation.render import RenderPool
-    from stages.simulation.tasks import distribution, file_name, make_task
+    from stages.simulation.tasks import distribution, file_name, learner_context, make_task
     from stages.threads import use_threads
     from stages.train_expert import load_expert
 
@@ -72,8 +72,14 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
                     f"quarter to end below {task.expert_threshold} of the initial distance; train it longer "
                     f"(ifo train-expert {task_name} --iterations N), or keep failures (--keep-failures)"
                 )
-            drawn = task.draw_contexts(generator(run.seed, "demos", chunks), chunk, drawn_from)
-            episode = _roll_out(task, policy, drawn, workers)
+            rng = generator(run.seed, "demos", chunks)
+            if config.context_seed < 0:
+                drawn = task.draw_contexts(rng, chunk, drawn_from)
+                starts = task.context_state(drawn)
+            else:
+                drawn = repeat(learner_context(task, config.context_seed, drawn_from), chunk)
+                starts = task.draw_states(rng, drawn)  # One context for all, and one start would show one video.
+            episode = _roll_out(task, policy, drawn, starts, workers)
             good = config.keep_failures | (episode.normalised_distance < task.expert_threshold)
             chosen = np.flatnonzero(good)[: config.n - kept]
             kept, chunks = kept + len(chosen), chunks + 1
@@ -137,24 +143,28 @@ def playback(rng: np.random.Generator, n: int, frames: int, jitter: float) -> np
     return np.minimum(np.concatenate([np.zeros((n, 1)), steps.cumsum(axis=1)], axis=1), frames - 1)
 
 
-def _roll_out(task: Task, policy, contexts: Contexts, workers: int):
-    """One episode of the expert in each context, from the state that the context's first frame shows."""
+def _roll_out(task: Task, policy, contexts: Contexts, starts: tuple[np.ndarray, np.ndarray], workers: int):
+    """One episode of the expert in each of n contexts, from qpos (n, nq) and qvel (n, nv)."""
     from stages.simulation.batch import rollout
 
     def act(state: State, where: Contexts) -> np.ndarray:
         return policy.act(task.observe_expert(state, where))
 
-    return rollout(task, contexts, *task.context_state(contexts), act, workers)
+    return rollout(task, contexts, *starts, act, workers)
 
 
 def expert_video(task: Task, expert_path: Path, contexts: Contexts, pool) -> np.ndarray:
     """What the expert does in each of n contexts, as video (n, T, H, W, 3): the truth to judge translations by."""
+    return pool.render(task.model_fields(contexts), expert_motion(task, expert_path, contexts))
+
+
+def expert_motion(task: Task, expert_path: Path, contexts: Contexts) -> np.ndarray:
+    """Joint positions (n, T, nq) of what the expert does in each of n contexts, at the frames of a video."""
     from stages.learners.policy import Policy
     from stages.train_expert import load_expert
 
     policy = Policy.load(load_expert(expert_path, task.name))
-    episode = _roll_out(task, policy, contexts, 1)
-    return pool.render(task.model_fields(contexts), episode.frame_qpos(task))
+    return _roll_out(task, policy, contexts, task.context_state(contexts), 1).frame_qpos(task)
 
 
 def _find_or_train_expert(task_name: str, run: RunOptions, folder: Path) -> Path:

@@ -13,7 +13,7 @@ CONTEXTS = ("paper", "narrow", "fixed")
 ARCHITECTURES = ("compact", "paper")
 LOSSES = ("trans", "rec", "align")
 ALIGNMENTS = ("none", "dtw")
-REWARDS = ("translation", "oracle", "video")
+REWARDS = ("translation", "oracle", "video", "pretrained", "gail", "tpil", "joints")
 REWARD_TERMS = ("feat", "img")
 RAMPS = ("task", "none", "quadratic")
 VIEWPOINTS = ": seen from all round (paper), within 40 degrees (narrow), or always the same (fixed)."
@@ -71,6 +71,9 @@ class DemosConfig:
     n: int = option(3000, "Demonstrations to collect.", low=2)
     contexts: str = option("paper", "Contexts to draw from" + VIEWPOINTS, CONTEXTS)
     vary: str = option("", VARY)
+    context_seed: int = option(
+        -1, "Film all in the context that translate gives a learner for this seed (-1: each in its own).", low=-1
+    )
     keep_failures: bool = option(False, "Keep demonstrations in which the expert failed.")
     jitter: float = option(
         0.0,
@@ -133,7 +136,12 @@ class PolicyConfig(LearnerConfig):
 
     # Wide at first: with 0.6 in place of 1.6 some runs settle in a posture that hides the arm, and never leave it.
     log_std: float = option(0.5, "Initial log standard deviation of the actions.")
-    reward: str = option("translation", "Reward: the paper's, the true distance, or the true expert video.", REWARDS)
+    reward: str = option(
+        "translation",
+        "Reward: the paper's; the true distance (oracle); tracking of the true expert video, of an ImageNet network's "
+        "features or of one demonstration's joints, none of them translated; a discriminator's (gail, tpil).",
+        REWARDS,
+    )
     without: tuple[str, ...] = option((), "Switch a term of the reward off (repeatable).", REWARD_TERMS)
     # R_feat alone misleads on the way to a target that is far off (results/LOG.md).
     image_weight: float = option(2.0, "w_rec, weight of R_img beside R_feat, both scaled to order one.", low=0)
@@ -146,6 +154,12 @@ class PolicyConfig(LearnerConfig):
     negatives: int = option(
         0, "Tune the features on the learner's own frames every this many iterations (0: never).", low=0
     )
+    layer: str = option("best", "Layer of --reward pretrained; best: where held-out demonstrations say most.")
+    weights: str = option("", "File of another ImageNet network's weights, for --reward pretrained.")
+    discriminator_steps: int = option(
+        40, "Steps that the discriminator of gail and tpil learns after an iteration.", low=1
+    )
+    discriminator_rate: float = option(3e-4, "Its learning rate.", low=0)
     ramp: str = option("task", "Weight of a frame's reward over time; task: as the paper has it.", RAMPS)
 
 

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 
 from artifacts import (
-    Artifact,
-    ArtifactError,
     UsageError,
     default_path,
     sibling,
@@ -20,6 +18,7 @@ from artifacts import (
 )
 from stages.checkpoints import Checkpoints
 from stages.configs import REWARD_TERMS, PolicyConfig
+from stages.make_reward import make_reward
 from stages.run import RunOptions, StageResult, environment, full_config, pick_device, pick_workers
 from stages.simulation.contexts import Contexts, repeat
 from stages.simulation.task import Task
@@ -100,50 +99,6 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
 def _finite(metrics: dict[str, np.ndarray]) -> dict[str, float]:
     """The metrics that are numbers: a tau may be undefined."""
     return {name: float(value) for name, value in metrics.items() if np.isfinite(value)}
-
-
-def make_reward(
-    config: PolicyConfig, task: Task, source: Artifact, contexts: Contexts, workers: int, seed: int, device: str
-) -> Any:
-    """The reward that `config` names.
-
-    Raises:
-        ArtifactError: The translator behind the translation is missing.
-    """
-    import torch
-
-    from stages.rewards.negatives import NegativeTuning
-    from stages.rewards.state import OracleReward
-    from stages.rewards.translation import TrackingTarget, TranslationReward
-    from stages.simulation.render import RenderPool
-    from stages.train_translator import load_translator
-    from stages.translation.networks import to_images
-
-    if config.reward == "oracle":
-        return OracleReward(task)
-    if config.reward == "video":
-        # The expert's own video in this context: a perfect translation.
-        if "expert_frames" not in source:
-            raise ArtifactError(
-                f"{source.path} holds no video of the expert in this context, expected one for --reward video; "
-                "translate again where the demonstrations' expert is at hand"
-            )
-        features, images = source["expert_features"], to_images(torch.from_numpy(source["expert_frames"]))
-    else:
-        features = source["target_features"]
-        images = torch.from_numpy(source["target_images"]).movedim(-1, 1) / 127.5 - 1
-    feature_scale, image_scale = float(source["feature_scale"]), float(source["image_scale"])
-    model = load_translator(source.parent("translator", check=True), device)
-    scales = feature_scale, image_scale
-    target = TrackingTarget(torch.from_numpy(features).to(device), images.to(device), *scales, config.blur)
-    tuning = None
-    if config.negatives:
-        tuning = NegativeTuning(model, target, source["images"], config.negatives, seed, device)
-    pool = RenderPool.of(task, workers)
-    ramp = task.ramp if config.ramp == "task" else config.ramp
-    return TranslationReward(
-        task, contexts, model, target, pool, config.without, config.image_weight, ramp, device, tuning
-    )
 
 
 def policy_video(task: Task, policy: Any, contexts: Contexts, pool: Any) -> np.ndarray:

@@ -165,7 +165,7 @@ def _simulate_context(
 ) -> tuple[Contexts, np.ndarray, Path | None]:
     """The learner's context (leading axis 1), its first frame, and the demonstrations' expert if it is at hand."""
     from stages.simulation.render import RenderPool
-    from stages.simulation.tasks import distribution, make_task
+    from stages.simulation.tasks import distribution, learner_context, make_task
 
     task = make_task(demos.config["task"])
     contexts = learner_context(task, config.context_seed, distribution(*_contexts_of(config, demos)))
@@ -224,11 +224,6 @@ def _judge(
             device,
         )
         return expert_video(task, expert, contexts, pool)[0], quality
-
-
-def learner_context(task, context_seed: int, drawn_from) -> Contexts:
-    """The learner's context omega_l (leading axis 1): a stream of its own, which no demonstration is drawn from."""
-    return task.draw_contexts(generator(context_seed, "learner-context"), 1, drawn_from)
 
 
 def _truth(

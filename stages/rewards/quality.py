@@ -10,7 +10,7 @@ import torch
 from scipy.stats import kendalltau
 
 from stages.rewards.translation import TrackingTarget, time_weights
-from stages.simulation.batch import rollout
+from stages.simulation.batch import HELD, drawn_actions, held, rollout
 from stages.simulation.contexts import Contexts, repeat
 from stages.simulation.render import RenderPool
 from stages.simulation.task import State, Task
@@ -18,7 +18,6 @@ from stages.translation.networks import Translator, to_images
 
 EPISODES = 8  # of each kind
 NOISE = (0.3, 0.6, 1.0)  # standard deviations of a noisy expert's actions, one episode in three each
-HELD = 5  # control steps that noise and random actions are held for, so that they move the robot
 WAY = np.linspace(0.0, 1.0, 11)  # shares of the expert's own motion
 PROGRESS_DIGITS = 2  # progress is compared to a hundredth of the initial distance: less is trembling at the goal
 
@@ -98,17 +97,11 @@ def reward_quality(
 def _actors(task: Task, expert: Act, rng: np.random.Generator) -> dict[str, Act]:
     """The expert, a noisy one and random actions."""
     shape = (-(-task.control_steps // HELD), EPISODES, task.action_size)
-    noise = rng.normal(size=shape) * np.resize(NOISE, EPISODES)[:, None]
-    drawn = rng.uniform(-1.0, 1.0, shape)
-
-    def held(values: np.ndarray, state: State) -> np.ndarray:
-        step = round(float(state.time[0]) / task.control_timestep)
-        return values[min(step // HELD, len(values) - 1)]
-
+    noise = held(rng.normal(size=shape) * np.resize(NOISE, EPISODES)[:, None], task)
     return {
         "expert": expert,
-        "noisy": lambda state, contexts: expert(state, contexts) + held(noise, state),
-        "random": lambda state, _: held(drawn, state),
+        "noisy": lambda state, contexts: expert(state, contexts) + noise(state, contexts),
+        "random": held(drawn_actions(rng, task, EPISODES), task),
     }
 
 

@@ -10,6 +10,8 @@ import numpy as np
 from stages.simulation.contexts import Contexts
 from stages.simulation.task import State, Task
 
+HELD = 5  # control steps that an action of `held` is taken for
+
 
 class BatchSimulation:
     """`nsim` simulations of a task that step together: all episodes start and end at the same control step.
@@ -106,3 +108,21 @@ def rollout(
         distances.append(task.distance(state, contexts))
     distance = np.stack(distances, axis=1)
     return Rollout(np.stack(positions, axis=1), distance, *task.outcome(distance))
+
+
+def held(values: np.ndarray, task: Task) -> Callable[[State, Contexts], np.ndarray]:
+    """Actions (K, n, nu) that n simulations take one after the other, each held for 5 control steps.
+
+    Redrawn at every step, noise would average out before it moved the robot.
+    """
+
+    def act(state: State, contexts: Contexts) -> np.ndarray:
+        step = round(float(state.time[0]) / task.control_timestep)
+        return values[min(step // HELD, len(values) - 1)]
+
+    return act
+
+
+def drawn_actions(rng: np.random.Generator, task: Task, n: int) -> np.ndarray:
+    """Uniform random actions (K, n, nu) for n episodes of `held`."""
+    return rng.uniform(-1.0, 1.0, (-(-task.control_steps // HELD), n, task.action_size))

@@ -9,7 +9,8 @@ import os
 from collections.abc import Callable
 
 from artifacts.errors import UsageError
-from stages.simulation.contexts import DISTRIBUTIONS, FACTORS, ContextDistribution
+from stages.seeding import generator
+from stages.simulation.contexts import DISTRIBUTIONS, FACTORS, ContextDistribution, Contexts
 from stages.simulation.task import Task
 
 GROUP = "ifo.tasks"  # entry points of installed packages
@@ -108,3 +109,8 @@ def distribution(name: str, vary: str = "") -> ContextDistribution:
     if unknown := sorted(factors - set(FACTORS)):
         raise UsageError(f"--vary {unknown[0]!r}: expected some of {', '.join(FACTORS)}, separated by commas")
     return dataclasses.replace(DISTRIBUTIONS[name], vary=factors)
+
+
+def learner_context(task: Task, context_seed: int, drawn_from: ContextDistribution) -> Contexts:
+    """The learner's context omega_l (leading axis 1): a stream of its own, which no demonstration is drawn from."""
+    return task.draw_contexts(generator(context_seed, "learner-context"), 1, drawn_from)

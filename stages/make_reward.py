@@ -1,0 +1,165 @@
+"""The reward that learn-policy learns from; what it is made from is found through the translation's lineage."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from artifacts import Artifact, ArtifactError
+from stages.configs import PolicyConfig
+from stages.seeding import generator
+from stages.simulation.contexts import Contexts, repeat
+from stages.simulation.task import Task
+
+if TYPE_CHECKING:
+    from stages.simulation.render import RenderPool
+
+EXPERTS = 1024  # demonstrations that a discriminator sees
+TRACKED = 128  # demonstrations whose pretrained features are averaged
+UNSKILLED = 256  # videos of random actions that TPIL learns from
+
+
+def make_reward(
+    config: PolicyConfig, task: Task, source: Artifact, contexts: Contexts, workers: int, seed: int, device: str
+) -> Any:
+    """The reward that `config` names, in the learner's `contexts` (leading axis 1).
+
+    Args:
+        source: The translation.
+
+    Raises:
+        ArtifactError: A file behind the translation, that the reward is made from, is missing.
+        PlatformError: A package that the reward needs is missing.
+        UsageError: An option of the reward makes no sense.
+    """
+    from stages.rewards.joints import JointsReward
+    from stages.rewards.state import OracleReward
+    from stages.simulation.render import RenderPool
+
+    ramp = task.ramp if config.ramp == "task" else config.ramp
+    if config.reward == "oracle":
+        return OracleReward(task)
+    if config.reward == "joints":
+        return JointsReward(task, _kinesthetic(task, _demonstrations(source), seed), ramp)
+
+    def pool() -> RenderPool:
+        return RenderPool.of(task, workers)
+
+    if config.reward in ("gail", "tpil"):
+        return _adversarial(config, task, source, contexts, pool(), seed, device)
+    if config.reward == "pretrained":
+        from stages.rewards.networks import load_network
+        from stages.rewards.pretrained import PretrainedReward, track
+
+        network = load_network(config.weights).to(device)
+        target = track(network, _videos(_demonstrations(source), TRACKED), config.layer, device)
+        return PretrainedReward(task, contexts, pool(), network, target, ramp, device)
+    return _translation(config, task, source, contexts, pool, seed, device, ramp)
+
+
+def _translation(
+    config: PolicyConfig,
+    task: Task,
+    source: Artifact,
+    contexts: Contexts,
+    pool: Any,
+    seed: int,
+    device: str,
+    ramp: str,
+) -> Any:
+    """Tracking of the translation, or of the true expert's video as a perfect one."""
+    import torch
+
+    from stages.rewards.negatives import NegativeTuning
+    from stages.rewards.translation import TrackingTarget, TranslationReward
+    from stages.train_translator import load_translator
+    from stages.translation.networks import to_images
+
+    if config.reward == "video":
+        if "expert_frames" not in source:
+            raise ArtifactError(
+                f"{source.path} holds no video of the expert in this context, expected one for --reward video; "
+                "translate again where the demonstrations' expert is at hand"
+            )
+        features, images = source["expert_features"], to_images(torch.from_numpy(source["expert_frames"]))
+    else:
+        features = source["target_features"]
+        images = torch.from_numpy(source["target_images"]).movedim(-1, 1) / 127.5 - 1
+    feature_scale, image_scale = float(source["feature_scale"]), float(source["image_scale"])
+    model = load_translator(source.parent("translator", check=True), device)
+    scales = feature_scale, image_scale
+    target = TrackingTarget(torch.from_numpy(features).to(device), images.to(device), *scales, config.blur)
+    tuning = None
+    if config.negatives:
+        tuning = NegativeTuning(model, target, source["images"], config.negatives, seed, device)
+    return TranslationReward(
+        task, contexts, model, target, pool(), config.without, config.image_weight, ramp, device, tuning
+    )
+
+
+def _adversarial(
+    config: PolicyConfig,
+    task: Task,
+    source: Artifact,
+    contexts: Contexts,
+    pool: RenderPool,
+    seed: int,
+    device: str,
+) -> Any:
+    """GAIL's reward or TPIL's."""
+    from stages.rewards.adversarial import GailReward, Schedule, TpilReward
+
+    demos = _demonstrations(source)
+    schedule = Schedule(config.discriminator_steps, config.discriminator_rate)
+    given = (task, contexts, pool, _videos(demos, EXPERTS), schedule, seed, device)
+    if config.reward == "gail":
+        return GailReward(*given)
+    return TpilReward(*given, unskilled=_unskilled(task, demos, pool, seed))
+
+
+def _demonstrations(source: Artifact) -> Artifact:
+    """The demonstrations behind a translation."""
+    return source.parent("translator", check=True).parent("demos", check=True)
+
+
+def _videos(demos: Artifact, most: int) -> np.ndarray:
+    """Demonstrations (N, T, H, W, 3), uint8: the first ones, `most` at most."""
+    return demos.read("frames", slice(most))
+
+
+def _contexts_like(task: Task, demos: Artifact, rng: np.random.Generator, n: int) -> Contexts:
+    """`n` contexts drawn as those of the demonstrations were; none of them is one of theirs, unless all have the same.
+
+    Raises:
+        ArtifactError: They were not filmed in simulated contexts.
+    """
+    from stages.simulation.tasks import distribution, learner_context
+
+    if "contexts" not in demos.config:
+        raise ArtifactError(f"{demos.path} was not filmed in simulated contexts: give --reward gail or translation")
+    drawn_from = distribution(demos.config["contexts"], demos.config.get("vary", ""))
+    context_seed = demos.config.get("context_seed", -1)
+    if context_seed >= 0:
+        return repeat(learner_context(task, context_seed, drawn_from), n)
+    return task.draw_contexts(rng, n, drawn_from)
+
+
+def _unskilled(task: Task, demos: Artifact, pool: RenderPool, seed: int) -> np.ndarray:
+    """Videos (M, T, H, W, 3), uint8, of random actions in contexts like the demonstrations'."""
+    from stages.simulation.batch import drawn_actions, held, rollout
+
+    rng = generator(seed, "unskilled")
+    contexts = _contexts_like(task, demos, rng, UNSKILLED)
+    act = held(drawn_actions(rng, task, UNSKILLED), task)
+    episodes = rollout(task, contexts, *task.draw_states(rng, contexts), act, nthread=1)
+    return pool.render(task.model_fields(contexts), episodes.frame_qpos(task))
+
+
+def _kinesthetic(task: Task, demos: Artifact, seed: int) -> np.ndarray:
+    """Joint positions (T, nq) of one demonstration in a context like the demonstrations'."""
+    from stages.collect_demos import expert_motion
+
+    expert: Path = demos.parent("expert", check=True).path
+    return expert_motion(task, expert, _contexts_like(task, demos, generator(seed, "kinesthetic"), 1))[0]

@@ -1,0 +1,36 @@
+"""Joint-angle tracking: what a robot learns from one kinesthetic demonstration, recorded in another context.
+
+The paper's baseline for the real tasks (Sec. VI.D): it fails where the task asks for other joint angles in the
+learner's context than in the demonstration's.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stages.rewards.state import StateReward
+from stages.rewards.translation import time_weights
+from stages.simulation.contexts import Contexts
+from stages.simulation.task import State, Task
+
+
+class JointsReward(StateReward):
+    """Minus the squared distance of the driven joints from the demonstration's at the same frame.
+
+    Divided by what the demonstration itself moves, summed over its frames: standing still returns about -1.
+    """
+
+    def __init__(self, task: Task, demonstration: np.ndarray, ramp: str = "none"):
+        """Track `demonstration`, joint positions (T, nq) at the frames of a video, radians."""
+        super().__init__(task)
+        self._driven = task.posture
+        self._target = demonstration[:, self._driven]
+        self._scale = max(float(np.square(self._target - self._target[0]).sum()), 1e-6)
+        self._weights = time_weights(ramp, task.frames)
+
+    def reward(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
+        frame, between = divmod(step, self._task.frame_every)
+        if between or frame >= self._task.frames:
+            return np.zeros(len(state.qpos))
+        error = np.square(state.qpos[:, self._driven] - self._target[frame]).sum(axis=1)
+        return -self._weights[frame] * error / self._scale
