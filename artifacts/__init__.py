@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from artifacts.checkpoint import checkpoint_path, read_checkpoint, remove_checkpoint, write_checkpoint
     from artifacts.errors import ArtifactError, IfoError, Interrupted, PlatformError, UsageError
+    from artifacts.lineage import Ancestor, ancestors
     from artifacts.paths import default_path, sha256_of, sibling, stem_of
     from artifacts.schema import COMMANDS, KINDS, DatasetSpec, KindSpec, Manifest, Parent
     from artifacts.store import Artifact, VerifyReport, read_artifact, verify_artifact, write_artifact
@@ -22,6 +23,7 @@ _MODULE_OF = {
     for module, names in {
         "checkpoint": ("checkpoint_path", "read_checkpoint", "remove_checkpoint", "write_checkpoint"),
         "errors": ("ArtifactError", "IfoError", "Interrupted", "PlatformError", "UsageError"),
+        "lineage": ("Ancestor", "ancestors"),
         "schema": ("COMMANDS", "KINDS", "DatasetSpec", "KindSpec", "Manifest", "Parent"),
         "paths": ("default_path", "sha256_of", "sibling", "stem_of"),
         "store": ("Artifact", "VerifyReport", "read_artifact", "verify_artifact", "write_artifact"),
@@ -34,6 +36,7 @@ _MODULE_OF = {
 __all__ = [
     "COMMANDS",
     "KINDS",
+    "Ancestor",
     "Artifact",
     "ArtifactError",
     "DatasetSpec",
@@ -45,6 +48,7 @@ __all__ = [
     "PlatformError",
     "UsageError",
     "VerifyReport",
+    "ancestors",
     "checkpoint_path",
     "contact_sheet",
     "default_path",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -12,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from artifacts.errors import ArtifactError
 from ifo_cli.streams import emit, inputs_or_stdin, plain
 
 if TYPE_CHECKING:
@@ -72,7 +70,7 @@ def describe(artifact: Artifact) -> dict[str, Any]:
         "config": plain({k: v for k, v in manifest.config.items() if k not in KEY_FIGURES}),
         "key_figures": _key_figures(artifact),
         "datasets": datasets,
-        "lineage": [{"depth": depth, **ancestor} for depth, ancestor in _ancestors(artifact, 1)],
+        "lineage": list(_lineage(artifact)),
     }
 
 
@@ -97,25 +95,17 @@ def _key_figures(artifact: Artifact) -> dict[str, Any]:
     return figures
 
 
-def _ancestors(artifact: Artifact, depth: int) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Parents, depth first; one that is gone or unreadable ends its branch and is said to be so."""
-    from artifacts import read_artifact
+def _lineage(artifact: Artifact) -> Iterator[dict[str, Any]]:
+    """Ancestors, depth first; one that is gone or unreadable ends its branch and is said to be so."""
+    from artifacts import ancestors
 
-    folder = artifact.path.parent
-    for parent in artifact.manifest.parents:
-        path = Path(os.path.normpath(folder / parent.path))
-        if not path.is_file():
-            path = Path(os.path.normpath(folder.resolve() / parent.path))
-        entry: dict[str, Any] = {"kind": parent.kind, "path": str(path), "state": "present"}
-        try:
-            ancestor = read_artifact(path)
-        except ArtifactError as error:
-            state = "unreadable" if path.exists() else "missing"
-            yield depth, {**entry, "state": state, "problem": str(error)}
-            continue
-        origin = {"created": ancestor.manifest.created, "seed": ancestor.manifest.seed}
-        yield depth, {**entry, **origin, "command": ancestor.manifest.command}
-        yield from _ancestors(ancestor, depth + 1)
+    for item in ancestors(artifact):
+        entry = {"depth": item.depth, "kind": item.parent.kind, "path": str(item.path), "state": item.state}
+        if item.artifact is None:
+            yield {**entry, "problem": item.problem}
+        else:
+            manifest = item.artifact.manifest
+            yield {**entry, "created": manifest.created, "seed": manifest.seed, "command": manifest.command}
 
 
 def _as_text(report: dict[str, Any]) -> str:
