@@ -67,7 +67,8 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
             bar.update(index + 1)
     arrays = {key: np.stack(values) for key, values in results.items()}
     summary = _summarise(task, arrays)
-    described = full_config("evaluate", config, run, task=task.name, runs=[_describe(source) for source in sources])
+    about = {"task": task.name, "success_threshold": task.success_threshold}
+    described = full_config("evaluate", config, run, **about, runs=[_describe(source) for source in sources])
     _plot_curves(sources, task.success_threshold, sibling(out, ".png"))
     labels = [stem_of(source.path)[-16:] for source in sources[:SHOWN]]
     write_mp4(sibling(out, ".mp4"), tile_videos([videos], labels=labels), fps=10)
