@@ -6,6 +6,8 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from stages.reporting.rows import COLUMNS as COLUMNS  # one row a run, as `ifo report` writes them
+
 HERE = Path(os.path.relpath(Path(__file__).parent))
 EXPERTS, RUNS = Path("runs/tasks"), Path("runs/paper")
 SHOWN = 4  # contexts in a task's MP4 grid
@@ -43,29 +45,6 @@ PROXIES = {
     "tau_returns": 1,
     "tau_way": 1,
 }
-COLUMNS = (
-    "task",
-    "method",
-    "context_seed",
-    "initial_distance",
-    "final_distance",
-    "normalised_distance",
-    "success_paper",
-    "normalised_distance_deterministic",
-    "success_deterministic",
-    "samples",
-    "translator_minutes",
-    "learning_minutes",
-    "psnr",
-    "copy_psnr",
-    "image_ratio",
-    "feature_ratio",
-    "tau_expert",
-    "tau_noisy",
-    "tau_random",
-    "tau_returns",
-    "tau_way",
-)
 TRANSLATOR_COLUMNS = (
     "task",
     "demonstrations",

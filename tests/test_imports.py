@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PARTS = ("simulation", "translation", "rewards", "learners")
+PARTS = ("simulation", "translation", "rewards", "learners", "reporting")
 STAGE_MODULES = (
     "train_expert",
     "collect_demos",
@@ -16,6 +16,7 @@ STAGE_MODULES = (
     "translate",
     "learn_policy",
     "evaluate",
+    "report",
 )
 
 

@@ -1,0 +1,165 @@
+"""report: what evaluations come to, on one page that opens in any browser, with the origin of every number."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from artifacts import Artifact, ArtifactError, PlatformError, UsageError, read_artifact
+from artifacts.atomic import write_bytes
+from stages.progress import Progress
+from stages.reporting.lineage import lineage
+from stages.reporting.page import MARK, markdown, page
+from stages.reporting.plots import draw
+from stages.reporting.rows import Duplicate, Run, as_csv, count_once, read_runs
+from stages.reporting.summary import Summary, summarise
+from stages.reporting.tables import summary_table
+from stages.reporting.videos import collect_videos
+from stages.run import StageResult
+
+PATTERN = "*.evaluation.h5"
+
+
+def report(inputs: Sequence[Path], out: Path, title: str, command: str, progress: Progress) -> StageResult:
+    """Write the page, and beside it, with its stem, the table as CSV and Markdown, and the plots as PNGs.
+
+    Args:
+        inputs: Evaluation artifacts, and folders to search for them.
+        out: The page, NAME.html.
+        title: Its heading.
+        command: The command line, which the page names.
+        progress: Where messages go.
+
+    Raises:
+        ArtifactError: An input is no evaluation, is damaged, or is a folder without any. Nothing is written.
+        UsageError: A file that would be replaced is not an earlier report's. Nothing is written.
+    """
+    _check_not_somebody_elses(out)
+    evaluations = [read_artifact(path, "evaluation") for path in find_evaluations(inputs)]
+    runs, duplicates = count_once([run for artifact in evaluations for run in read_runs(artifact)])
+    for line in _repeated(duplicates):
+        progress.say(line)
+    summaries = summarise(runs)
+    runs = [run for item in summaries for run in item.runs]  # in the order of the tables
+    ordered = list(dict.fromkeys(run.evaluation for run in runs))
+    videos = collect_videos(ordered, runs)
+    notes = [*_repeated(duplicates), *_without_curves(runs), *_uncertain(runs), *videos.notes]
+    plots = draw(summaries)
+    files = {name: out.with_name(f"{out.stem}-{name}.png") for name in plots}
+    table = summary_table(summaries)
+    origin = (
+        f"Runs: {len(runs)}, of evaluation artifacts: {len(evaluations)}. "
+        f"Made on {datetime.now(UTC).isoformat(timespec='seconds')} by: {command}"
+    )
+    lineages = [
+        lineage(
+            artifact,
+            f"evaluation-{number}",
+            [run for run in runs if run.evaluation is artifact],
+            [item for item in duplicates if item.run.evaluation is artifact],
+        )
+        for number, artifact in enumerate([*ordered, *(a for a in evaluations if a not in ordered)], 1)
+    ]
+    whole = page(title, origin, table, plots, videos.shown, lineages, notes)
+    # The Markdown first: its mark says that the files of this stem are a report's. The page last: it is the result.
+    text = markdown(title, origin, table, files, videos.shown, notes)
+    write_bytes(out.with_suffix(".md"), _encoded(text))
+    write_bytes(out.with_suffix(".csv"), _encoded(as_csv(runs)))
+    for name, png in plots.items():
+        write_bytes(files[name], png)
+    write_bytes(out, _encoded(whole))
+    progress.say(f"report: runs {len(runs)}, videos {len(videos.shown)}, {out.stat().st_size / 1e6:.1f} MB")
+    return StageResult(out, _figures(summaries, evaluations, duplicates))
+
+
+def find_evaluations(inputs: Sequence[Path]) -> list[Path]:
+    """The files themselves, and the evaluations in folders, each once.
+
+    Raises:
+        ArtifactError: A folder holds none.
+    """
+    found: dict[Path, Path] = {}
+    for path in inputs:
+        if path.is_dir():
+            inside = sorted(path.rglob(PATTERN))
+            if not inside:
+                raise ArtifactError(f"{path}: holds no evaluation ({PATTERN}): make one with `ifo evaluate`")
+        else:
+            inside = [path]
+        for file in inside:
+            found.setdefault(file.resolve(), file)
+    return list(found.values())
+
+
+def _check_not_somebody_elses(out: Path) -> None:
+    """Refuse to replace a README.md for being told --out README.html."""
+    beside = [out.with_suffix(".md"), out.with_suffix(".csv")]
+    try:
+        with open(beside[0], "rb") as file:
+            if file.read(len(MARK)) == MARK.encode():
+                return
+    except FileNotFoundError:
+        pass
+    except OSError as error:
+        raise PlatformError(f"{beside[0]}: cannot be read ({error.strerror}): choose another --out") from error
+    for path in beside:
+        if path.exists():
+            raise UsageError(f"--out {out} would replace {path}, which `ifo report` did not write: choose another name")
+
+
+def _repeated(duplicates: Sequence[Duplicate]) -> list[str]:
+    """One line for each pair of evaluations that share runs."""
+    shared: dict[tuple[Path, Path], list[str]] = {}
+    for item in duplicates:
+        pair = item.run.evaluation.path, item.kept.evaluation.path
+        shared.setdefault(pair, []).append(item.run.name)
+    return [
+        f"Runs that count once, though they are in {left_out} and in {kept}: {', '.join(names)}."
+        for (left_out, kept), names in shared.items()
+    ]
+
+
+def _without_curves(runs: Sequence[Run]) -> list[str]:
+    paths = dict.fromkeys(str(run.evaluation.path) for run in runs if not run.samples_curve.size)
+    return [f"Without learning curves, having been made by an older ifo: {', '.join(paths)}."] if paths else []
+
+
+def _uncertain(runs: Sequence[Run]) -> list[str]:
+    paths = dict.fromkeys(str(run.evaluation.path) for run in runs if not run.method_is_certain)
+    if not paths:
+        return []
+    return [
+        f"These evaluations do not record how their translators were made, so that nothing tells an untrained or "
+        f"crippled one from a whole one: {', '.join(paths)}."
+    ]
+
+
+def _figures(
+    summaries: Sequence[Summary], evaluations: Sequence[Artifact], duplicates: Sequence[Duplicate]
+) -> dict[str, Any]:
+    rows = [
+        {
+            "task": item.task,
+            "method": item.method,
+            "runs": len(item.runs),
+            "succeeded": item.succeeded,
+            "success_paper": item.success,
+            "success_paper_interval": item.success_interval,
+            "success_deterministic": item.deterministic,
+            "normalised_distance": item.distance,
+            "normalised_distance_interval": item.distance_interval,
+            "samples": item.samples,
+            "learning_minutes": item.learning_minutes,
+            "translator_minutes": item.translator_minutes,
+            "papers_own_success": item.paper,
+        }
+        for item in summaries
+    ]
+    return {"evaluations": len(evaluations), "duplicates": len(duplicates), "methods": rows}
+
+
+def _encoded(text: str) -> bytes:
+    # File names of old, which UTF-8 cannot hold, stay readable.
+    return text.encode("utf-8", "backslashreplace")

@@ -1,0 +1,142 @@
+"""Plots of runs by task and method, as PNGs."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from stages.reporting.rows import Run
+from stages.reporting.summary import Summary
+
+PANEL = (4.6, 3.4)  # inches, of a learning curve
+BAR = 0.34  # inches, of a bar and the gap beside it
+WIDTH = 7.6  # inches, of plots of bars
+ABLATED = "translation"  # what the names of the method and of its ablations start with
+
+
+def draw(summaries: Sequence[Summary]) -> dict[str, bytes]:
+    """All plots that the runs allow, by name: `success`, `curves`, `ablations`."""
+    colours = _colours(summaries)
+    plots = {"success": _bars(summaries, colours)}
+    if any(run.samples_curve.size for item in summaries for run in item.runs):
+        plots["curves"] = _curves(summaries, colours)
+    ablations = ablated(summaries)
+    if ablations:
+        plots["ablations"] = _bars(ablations, colours)
+    return plots
+
+
+def ablated(summaries: Sequence[Summary]) -> list[Summary]:
+    """The method and its ablations, of tasks where there is more than one of them."""
+    found = [item for item in summaries if item.method.startswith(ABLATED)]
+    tasks = [item.task for item in found]
+    return [item for item in found if tasks.count(item.task) > 1]
+
+
+def mean_curve(runs: Sequence[Run]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean of learning curves, and its standard error.
+
+    A run that ended early keeps its last distance, so that the mean does not jump when it leaves.
+
+    Returns:
+        Samples (I,) at which any run was measured; mean normalised distance (I,); standard error (I,), 0 of one run.
+    """
+    curves = [(run.samples_curve, run.distance_curve) for run in runs if run.samples_curve.size]
+    # Before the last run's first measurement the mean would be of the others alone.
+    start = max(samples[0] for samples, _ in curves)
+    grid = np.unique(np.concatenate([samples for samples, _ in curves]))
+    grid = grid[grid >= start]
+    values = np.array([np.interp(grid, samples, distances) for samples, distances in curves])
+    spread = values.std(axis=0, ddof=1) if len(values) > 1 else np.zeros(len(grid))
+    return grid, values.mean(axis=0), spread / math.sqrt(len(values))
+
+
+def _colours(summaries: Sequence[Summary]) -> dict[str, Any]:
+    pyplot = _pyplot()
+    methods = list(dict.fromkeys(item.method for item in summaries))
+    palette = pyplot.get_cmap("tab10" if len(methods) <= 10 else "tab20")
+    return {method: palette(index % palette.N) for index, method in enumerate(methods)}
+
+
+def _bars(summaries: Sequence[Summary], colours: dict[str, Any]) -> bytes:
+    """Success rates as bars, a panel a task, with their intervals and the paper's own rates."""
+    pyplot = _pyplot()
+    tasks = list(dict.fromkeys(item.task for item in summaries))
+    groups = [[item for item in summaries if item.task == task] for task in tasks]
+    sizes = [len(group) + 1 for group in groups]
+    figure, panels = pyplot.subplots(
+        len(tasks), figsize=(WIDTH, BAR * sum(sizes) + 1.1), dpi=120, sharex=True, squeeze=False, height_ratios=sizes
+    )
+    for panel, task, group in zip(panels[:, 0], tasks, groups, strict=True):
+        for place, item in enumerate(group):
+            low, high = item.success_interval
+            error = [[max(0.0, item.success - low)], [max(0.0, high - item.success)]]
+            panel.barh(place, item.success, 0.7, xerr=error, color=colours[item.method], ecolor="0.3", capsize=3)
+            if item.paper is not None:
+                panel.plot(item.paper, place, "D", color="white", markeredgecolor="black", markersize=6, zorder=5)
+        labels = [_plain(f"{item.method} ({item.succeeded} of {len(item.runs)})") for item in group]
+        panel.set_yticks(range(len(group)), labels, fontsize=8)
+        panel.set(xlim=(-0.02, 1.02), ylim=(len(group) - 0.4, -0.6))
+        panel.set_title(_plain(task), fontsize=9, loc="left")
+        panel.grid(axis="x", linewidth=0.4)
+        panel.set_axisbelow(True)
+        panel.spines[["top", "right"]].set_visible(False)
+    paper = "; diamonds: the paper's own runs" if any(item.paper is not None for item in summaries) else ""
+    panels[-1, 0].set_xlabel(f"runs that succeed, with 95% intervals{paper}", fontsize=9)
+    return _png(figure)
+
+
+def _curves(summaries: Sequence[Summary], colours: dict[str, Any]) -> bytes:
+    """Learning curves, a panel a task: the mean over runs, and its standard error as a band."""
+    pyplot = _pyplot()
+    known = [item for item in summaries if any(run.samples_curve.size for run in item.runs)]
+    tasks = list(dict.fromkeys(item.task for item in known))
+    columns = min(2, len(tasks))
+    rows = math.ceil(len(tasks) / columns)
+    size = (PANEL[0] * max(columns, 1.4), PANEL[1] * rows)
+    figure, panels = pyplot.subplots(rows, columns, figsize=size, dpi=120, squeeze=False)
+    for panel in panels.flat[len(tasks) :]:
+        panel.set_visible(False)
+    for panel, task in zip(panels.flat, tasks, strict=False):
+        group = [item for item in known if item.task == task]
+        for item in group:
+            samples, mean, error = mean_curve(item.runs)
+            count = sum(bool(run.samples_curve.size) for run in item.runs)
+            panel.plot(samples, mean, color=colours[item.method], label=_plain(f"{item.method} ({count})"))
+            panel.fill_between(samples, mean - error, mean + error, color=colours[item.method], alpha=0.25, linewidth=0)
+        threshold = group[0].runs[0].threshold
+        panel.axhline(threshold, color="grey", linestyle="--", linewidth=1, label=f"success below {threshold:g}")
+        panel.set_title(_plain(task), fontsize=9, loc="left")
+        panel.set_xlabel("samples", fontsize=8)
+        panel.set_ylabel("final distance / initial distance", fontsize=8)
+        panel.set_ylim(0, None)
+        panel.tick_params(labelsize=8)
+        panel.legend(fontsize=7)
+        panel.spines[["top", "right"]].set_visible(False)
+    return _png(figure)
+
+
+def _plain(text: str) -> str:
+    """A text of which matplotlib makes no formula."""
+    return text.replace("$", r"\$")
+
+
+def _pyplot() -> Any:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    return pyplot
+
+
+def _png(figure: Any) -> bytes:
+    figure.tight_layout()
+    drawn = io.BytesIO()
+    figure.savefig(drawn, format="png", metadata={"Software": None})
+    _pyplot().close(figure)
+    return drawn.getvalue()

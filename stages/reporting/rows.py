@@ -1,0 +1,249 @@
+"""Learning runs as rows of a table, read from evaluation artifacts, every run once."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from artifacts import Artifact, ArtifactError, Parent, stem_of
+from artifacts.schema import Config
+from stages.methods import method_name
+
+# What `ifo translate` measured before any learning.
+METRICS = (
+    "psnr",
+    "copy_psnr",
+    "image_ratio",
+    "feature_ratio",
+    "tau_expert",
+    "tau_noisy",
+    "tau_random",
+    "tau_returns",
+    "tau_way",
+)
+# Of a table with one row a run.
+COLUMNS = (
+    "task",
+    "method",
+    "context_seed",
+    "initial_distance",
+    "final_distance",
+    "normalised_distance",
+    "success_paper",
+    "normalised_distance_deterministic",
+    "success_deterministic",
+    "samples",
+    "translator_minutes",
+    "learning_minutes",
+    *METRICS,
+)
+
+
+@dataclass(frozen=True)
+class Run:
+    """One policy, as its evaluation found it.
+
+    Attributes:
+        evaluation: The artifact that it is a part of, at position `index`.
+        policy: What the evaluation recorded of the policy's file; None where it recorded no such thing.
+        recorded: What the evaluation recorded of the run: its reward, options, seeds.
+        threshold: Normalised final distance below which a run succeeds.
+        initial_distance, final_distance, normalised_distance: Means over episodes of the stochastic policy.
+        deterministic_distance: Mean normalised distance of the deterministic policy.
+        deterministic_success: Rate of its episodes that end below the threshold.
+        samples_curve, distance_curve: Learning curve (I,), normalised; empty where the evaluation keeps none.
+    """
+
+    evaluation: Artifact
+    index: int
+    policy: Parent | None
+    recorded: dict[str, Any]
+    task: str
+    method: str
+    threshold: float
+    initial_distance: float
+    final_distance: float
+    normalised_distance: float
+    deterministic_distance: float
+    deterministic_success: float
+    samples_curve: np.ndarray
+    distance_curve: np.ndarray
+
+    @property
+    def success(self) -> bool:
+        """By the paper's criterion: a verdict on the mean over the stochastic policy's episodes."""
+        return self.normalised_distance < self.threshold
+
+    @property
+    def name(self) -> str:
+        return str(self.recorded.get("policy") or f"run {self.index + 1}")
+
+    @property
+    def translator_minutes(self) -> float | None:
+        """Minutes that training the translator took; None where the reward needs none, or nobody recorded it."""
+        minutes = (self.recorded.get("translator") or {}).get("minutes")
+        return float(minutes) if self._translates and minutes is not None else None
+
+    @property
+    def metrics(self) -> dict[str, float]:
+        """Of `METRICS` those known, for the reward that they judge."""
+        found = (self.recorded.get("translation_metrics") or {}) if self._translates else {}
+        return {name: float(found[name]) for name in METRICS if found.get(name) is not None}
+
+    @property
+    def identity(self) -> tuple[Any, ...]:
+        """What two evaluations of one and the same run have in common."""
+        return self.task, self.method, self.recorded["context_seed"], self.recorded["seed"]
+
+    @property
+    def method_is_certain(self) -> bool:
+        """Whether the translator is on record; without, a crippled one goes by the name of a whole one."""
+        return not self._translates or bool(self.recorded.get("translator"))
+
+    @property
+    def _translates(self) -> bool:
+        return self.recorded.get("reward") == "translation"
+
+
+@dataclass(frozen=True)
+class Duplicate:
+    """A run that was left out, because `kept` is the same."""
+
+    run: Run
+    kept: Run
+
+
+def read_runs(artifact: Artifact) -> list[Run]:
+    """The runs of an evaluation artifact.
+
+    Raises:
+        ArtifactError: It is damaged, or does not say what its runs are.
+    """
+    described = artifact.config["runs"]
+    names = ("initial_distance", "final_distance_stochastic", "normalised_distance_stochastic", "normalised_distance")
+    initial, final, noisy, calm = (artifact[name] for name in names)
+    if not len(described) == len(initial) == len(final) == len(noisy) == len(calm):
+        raise ArtifactError(f"{artifact.path}: describes {len(described)} runs and holds {len(noisy)}: make it again")
+    threshold = _threshold(artifact)
+    curves = [_curve(artifact, index) for index in range(len(described))]
+    policies: list[Parent | None] = [parent for parent in artifact.manifest.parents if parent.kind == "policy"]
+    if len(policies) != len(described):
+        policies = [None] * len(described)
+    return [
+        Run(
+            evaluation=artifact,
+            index=k,
+            policy=policies[k],
+            recorded=Config(artifact.path, run),
+            task=str(artifact.config["task"]),
+            method=str(run.get("method") or method_name(Config(artifact.path, run))),
+            threshold=threshold,
+            initial_distance=float(initial[k].mean()),
+            final_distance=float(final[k].mean()),
+            normalised_distance=float(noisy[k].mean()),
+            deterministic_distance=float(calm[k].mean()),
+            deterministic_success=float((calm[k] < threshold).mean()),
+            samples_curve=curves[k][0],
+            distance_curve=curves[k][1],
+        )
+        for k, run in enumerate(described)
+    ]
+
+
+def _threshold(artifact: Artifact) -> float:
+    recorded = artifact.config.get("success_threshold")
+    if recorded is not None:
+        return float(recorded)
+    # Older evaluations leave it to the task.
+    from stages.simulation.gl import choose_backend
+    from stages.simulation.tasks import make_task
+
+    choose_backend(required=False)
+    return float(make_task(artifact.config["task"]).success_threshold)
+
+
+def _curve(artifact: Artifact, index: int) -> tuple[np.ndarray, np.ndarray]:
+    """Samples and normalised distances (I,), without the NaN behind a shorter run; empty in older evaluations."""
+    if "curve/samples" not in artifact or "curve/normalised_distance" not in artifact:
+        return np.empty(0), np.empty(0)
+    samples, distances = artifact["curve/samples"][index], artifact["curve/normalised_distance"][index]
+    known = np.isfinite(samples) & np.isfinite(distances)
+    return samples[known], distances[known]
+
+
+def count_once(runs: Sequence[Run]) -> tuple[list[Run], list[Duplicate]]:
+    """Leave out what is there twice: the same policy file, or the same task, method and seeds.
+
+    The newest evaluation of a run counts. Runs of older evaluations, which do not record the translator, are told
+    apart by the names of their files where their policies differ and nothing else does.
+
+    Returns:
+        The runs that count, in their order, and those that do not.
+    """
+    named = _tell_apart(runs)
+    counted: dict[Any, Run] = {}
+    kept, duplicates = set(), []
+    newest_first = sorted(range(len(named)), key=lambda k: named[k].evaluation.manifest.created, reverse=True)
+    for k in newest_first:
+        run = named[k]
+        keys = [run.identity, *([run.policy.sha256] if run.policy else [])]
+        same = next((counted[key] for key in keys if key in counted), None)
+        if same is None:
+            counted.update(dict.fromkeys(keys, run))
+            kept.add(k)
+        else:
+            duplicates.append(Duplicate(run, same))
+    return [run for k, run in enumerate(named) if k in kept], duplicates
+
+
+def _tell_apart(runs: Sequence[Run]) -> list[Run]:
+    uncertain: dict[Any, list[Run]] = {}
+    for run in runs:
+        if not run.method_is_certain:
+            uncertain.setdefault(run.identity, []).append(run)
+    ambiguous = {
+        run.evaluation.path
+        for group in uncertain.values()
+        if len({run.policy and run.policy.sha256 for run in group}) > 1
+        for run in group
+    }
+    return [
+        replace(run, method=f"{run.method} ({stem_of(run.evaluation.path)})")
+        if run.evaluation.path in ambiguous and not run.method_is_certain
+        else run
+        for run in runs
+    ]
+
+
+def row(run: Run) -> dict[str, object]:
+    """A run as a row of `COLUMNS`; what is not known is left out."""
+    minutes = run.translator_minutes
+    return {
+        "task": run.task,
+        "method": run.method,
+        "context_seed": run.recorded["context_seed"],
+        "initial_distance": round(run.initial_distance, 4),
+        "final_distance": round(run.final_distance, 4),
+        "normalised_distance": round(run.normalised_distance, 4),
+        "success_paper": int(run.success),
+        "normalised_distance_deterministic": round(run.deterministic_distance, 4),
+        "success_deterministic": round(run.deterministic_success, 3),
+        "samples": run.recorded["samples"],
+        "translator_minutes": "" if minutes is None else round(minutes, 1),
+        "learning_minutes": round(run.recorded["learning_minutes"], 2),
+        **{name: round(value, 3) for name, value in run.metrics.items()},
+    }
+
+
+def as_csv(runs: Sequence[Run]) -> str:
+    """One row a run, under `COLUMNS`."""
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, COLUMNS)
+    writer.writeheader()
+    writer.writerows(row(run) for run in runs)
+    return text.getvalue()

@@ -1,0 +1,86 @@
+"""Tables, as HTML and as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+
+from stages.reporting.summary import Summary
+
+UNKNOWN = "\N{EN DASH}"
+WORDS = ("task", "method")  # columns of words; the others are figures
+SUMMARY_HEADS = (
+    *WORDS,
+    "runs",
+    "success, paper's criterion [95%]",
+    "the paper's own",
+    "deterministic episodes that succeed",
+    "distance left [95%]",
+    "samples a run",
+    "learning, minutes a run",
+    "translator, minutes",
+)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Heads, and rows of as many texts, unescaped."""
+
+    heads: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+
+    def html(self) -> str:
+        """A <table>, its texts escaped; figures are set to the right."""
+        heads = "".join(_cell("th", head, head) for head in self.heads)
+        rows = [
+            "<tr>" + "".join(_cell("td", head, text) for head, text in zip(self.heads, row, strict=True)) + "</tr>"
+            for row in self.rows
+        ]
+        body = "\n".join(rows)
+        return f'<div class="wide"><table>\n<thead><tr>{heads}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table></div>'
+
+    def markdown(self) -> str:
+        """A table of Markdown, in which no text breaks out of its cell."""
+        marks = ["---" if head in WORDS else "---:" for head in self.heads]
+        lines = [[in_markdown(text) for text in self.heads], marks]
+        lines += [[in_markdown(text) for text in row] for row in self.rows]
+        return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def summary_table(summaries: Sequence[Summary]) -> Table:
+    """Success by task and method, beside the paper's."""
+    return Table(SUMMARY_HEADS, [_summary_row(item) for item in summaries])
+
+
+def in_markdown(text: str) -> str:
+    """A text on one line, of which Markdown makes neither HTML nor a cell's end."""
+    return escape(" ".join(text.split()), quote=False).replace("|", "\\|")
+
+
+def _summary_row(item: Summary) -> tuple[str, ...]:
+    low, high = item.success_interval
+    near, far = item.distance_interval
+    # One run has no spread over runs to speak of.
+    distance_interval = f" [{near:.3f}, {far:.3f}]" if len(item.runs) > 1 else ""
+    return (
+        item.task,
+        item.method,
+        str(len(item.runs)),
+        f"{item.success:.2f} [{low:.2f}, {high:.2f}]",
+        _known(item.paper, ".2f"),
+        f"{item.deterministic:.2f}",
+        f"{item.distance:.3f}{distance_interval}",
+        f"{item.samples:,.0f}",
+        f"{item.learning_minutes:.1f}",
+        _known(item.translator_minutes, ".0f"),
+    )
+
+
+def _known(value: float | None, form: str) -> str:
+    return UNKNOWN if value is None else format(value, form)
+
+
+def _cell(tag: str, head: str, text: str) -> str:
+    kind = "" if head in WORDS else ' class="figure"'
+    return f"<{tag}{kind}>{escape(text)}</{tag}>"

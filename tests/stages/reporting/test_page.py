@@ -1,0 +1,152 @@
+"""What stands on the page, and what lies beside it."""
+
+from __future__ import annotations
+
+import csv
+import html
+import re
+
+import numpy as np
+import pytest
+
+from artifacts import UsageError, read_png, sibling, write_artifact, write_mp4
+from stages.progress import Progress
+from stages.report import report
+from stages.reporting import videos
+
+MOVING = np.random.default_rng(0).integers(0, 255, (8, 24, 24, 3), dtype=np.uint8)
+
+
+@pytest.fixture
+def make_report(tmp_path):
+    """A function that reports and returns the page's text."""
+
+    def make(*inputs, title="Title", out=tmp_path / "out" / "page.html"):
+        report(inputs, out, title, "ifo report x", Progress(quiet=True))
+        return out.read_text(encoding="utf-8")
+
+    return make
+
+
+@pytest.fixture
+def family(tmp_path, evaluation):
+    """An evaluation with all that it was made from: paths by kind."""
+    content = {
+        "demos": {"frames": np.zeros((2, 3, 8, 8, 3), np.uint8), "final_distance": np.zeros(2)},
+        "translator": {"weights/a": np.zeros(3)},
+        "translation": {
+            "context_frame": np.zeros((8, 8, 3), np.uint8),
+            "target_features": np.zeros((3, 4)),
+            "target_images": np.zeros((3, 8, 8, 3), np.uint8),
+        },
+        "policy": {"weights/a": np.zeros(3)},
+    }
+    made = {}
+    for number, (kind, arrays) in enumerate(content.items()):
+        path, parents = tmp_path / f"x.{kind}.h5", list(made.values())[-1:]
+        command = f"ifo make {kind} <here>"
+        made[kind] = write_artifact(path, kind, arrays, config={}, seed=40 + number, command=command, parents=parents)
+    write_mp4(sibling(made["translation"], ".mp4"), MOVING)
+    made["evaluation"] = evaluation("x", (0.25,), parents=[made["policy"]])
+    write_mp4(sibling(made["evaluation"], ".mp4"), MOVING)
+    return made
+
+
+def test_page_and_what_lies_beside_it(evaluation, make_report, tmp_path):
+    methods = ("translation", "translation without img")
+    page = make_report(evaluation(left=(0.1, 0.9), methods=methods))
+    out = tmp_path / "out"
+    plots = {f"page-{name}.png" for name in ("success", "curves", "ablations")}
+    assert {path.name for path in out.iterdir()} == {"page.html", "page.csv", "page.md"} | plots
+    markdown = (out / "page.md").read_text()
+    for name in plots:
+        assert read_png(out / name).std() > 0
+        assert f"(<{name}>)" in markdown
+    assert len(list(csv.DictReader((out / "page.csv").open()))) == 2
+    row = "1.00 [0.21, 1.00]", "0.85"
+    assert "".join(f'<td class="figure">{cell}</td>' for cell in row) in page
+    assert f"| reach | translation | 1 | {' | '.join(row)} |" in markdown
+    assert not re.search(r'(src|href)=(?!"data:)|https?:', page)  # nothing comes from elsewhere
+
+
+def test_texts_are_escaped(evaluation, make_report, tmp_path):
+    nasty = "<script>alert(1)</script> & | $x$"
+    page = make_report(evaluation(left=(0.1,), task=nasty, methods=(nasty,), policy=nasty), title=nasty)
+    assert "<script" not in page and html.escape(nasty) in page
+    markdown = (tmp_path / "out" / "page.md").read_text()
+    assert "<script" not in markdown and "# &lt;script&gt;alert(1)&lt;/script&gt; &amp; \\| $x$" in markdown
+
+
+def test_lineage_goes_down_to_command_and_seed(family, make_report):
+    page = make_report(family["evaluation"])
+    for number, kind in enumerate(("policy", "translation", "translator", "demos")):
+        assert f"<b>{kind}</b> <code>{family[kind]}</code>" in page
+        assert f"<dd><code>ifo make {kind} &lt;here&gt;</code></dd><dt>seed</dt><dd>{43 - number}</dd>" in page
+    assert "gone" not in re.sub(r"<style>.*?</style>", "", page, flags=re.S)
+
+
+def test_lineage_says_what_is_gone(family, make_report):
+    family["translation"].unlink()
+    page = make_report(family["evaluation"])
+    assert f"<code>{family['translation']}</code> <span" in page and "gone; this is what was recorded" in page
+    assert "ifo make policy" in page and "ifo make translator" not in page
+
+
+def test_lineage_does_not_tell_of_a_file_that_took_anothers_place(family, make_report):
+    write_artifact(family["policy"], "policy", {"weights/a": np.ones(3)}, config={}, seed=9, command="ifo else")
+    page = make_report(family["evaluation"])
+    assert "another file has taken its place" in page and "ifo else" not in page
+    assert page.count("<video") == 1  # the translation's would be another policy's
+
+
+def test_videos_of_evaluations_and_translations_are_on_the_page(family, make_report):
+    page = make_report(family["evaluation"])
+    assert page.count('<video controls loop muted autoplay playsinline src="data:video/mp4;base64,') == 2
+
+
+def test_missing_videos_and_curves_are_said_to_be_missing(evaluation, make_report):
+    page = make_report(evaluation("older", (0.1,), old=True))
+    assert "<video" not in page and "Learning curves</h2>" not in page
+    assert re.search(r"Videos that are not there: \S*older.evaluation.mp4", page)
+    assert re.search(r"Without learning curves, \D*\S*older.evaluation.h5", page)
+    assert "do not record how their translators were made" in page
+
+
+def test_a_full_page_leaves_videos_out(family, make_report, monkeypatch):
+    monkeypatch.setattr(videos, "MOST_BYTES", sibling(family["evaluation"], ".mp4").stat().st_size)
+    page = make_report(family["evaluation"])
+    assert page.count("<video") == 1
+    assert re.search(r"Videos left out, .*x.translation.mp4", page)
+
+
+def test_an_earlier_report_is_replaced_and_nobody_elses_file(evaluation, make_report, tmp_path):
+    path = evaluation()
+    make_report(path)
+    assert "<h1>Second</h1>" in make_report(path, title="Second")
+    (tmp_path / "README.md").write_text("mine")
+    with pytest.raises(UsageError, match=r"README\.md"):
+        make_report(path, out=tmp_path / "README.html")
+    assert (tmp_path / "README.md").read_text() == "mine" and not (tmp_path / "README.html").exists()
+
+
+def test_videos_play_and_plots_show_in_a_browser(family, make_report, browser, tmp_path):
+    make_report(family["evaluation"])
+    browser.open(tmp_path / "out" / "page.html")
+    # A browser starts a silent video by itself once it is in sight.
+    seen = browser.evaluate(
+        """(async () => {
+            await new Promise(done => document.readyState == 'complete' ? done() : addEventListener('load', done));
+            const videos = [];
+            for (const video of document.querySelectorAll('video')) {
+                video.scrollIntoView({block: 'center'});
+                for (let k = 0; k < 100 && !video.currentTime; k++) await new Promise(done => setTimeout(done, 50));
+                videos.push({played: video.currentTime > 0, size: [video.videoWidth, video.videoHeight]});
+            }
+            const plots = [...document.images].map(image => image.complete && image.naturalWidth > 300);
+            const wide = document.documentElement.scrollWidth > innerWidth;
+            return {videos, plots, wide, title: document.querySelector('h1').innerText};
+        })()"""
+    )
+    assert seen["videos"] == [{"played": True, "size": [192, 192]}] * 2
+    assert seen["plots"] == [True, True]
+    assert seen["title"] == "Title" and not seen["wide"]

@@ -1,0 +1,128 @@
+"""Runs, counted once and summed up."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import numpy as np
+import pytest
+
+from artifacts import ArtifactError, write_artifact
+from stages.reporting.plots import ablated, mean_curve
+from stages.reporting.rows import COLUMNS, as_csv, count_once
+from stages.reporting.summary import summarise
+from stages.statistics import bootstrap_mean, wilson
+
+
+def policy(folder, name, weight=0.0):
+    return write_artifact(
+        folder / f"{name}.policy.h5", "policy", {"weights/a": np.array([weight])}, config={}, seed=0, command="ifo"
+    )
+
+
+def test_a_summary_has_rates_means_and_intervals(evaluation, runs_of):
+    [found] = summarise(runs_of(evaluation(left=(0.1, 0.3, 0.8, 0.4))))
+    assert (found.task, found.method, found.succeeded, found.success) == ("reach", "translation", 3, 0.75)
+    assert found.success_interval == wilson(3, 4)
+    assert found.deterministic == 0.75
+    assert found.distance == pytest.approx(0.4)
+    assert found.distance_interval == bootstrap_mean(np.array([0.1, 0.3, 0.8, 0.4]))
+    assert (found.samples, found.learning_minutes, found.translator_minutes) == (300, 1.5, 20)
+    assert found.paper == 0.85
+
+
+def test_success_is_judged_by_the_evaluations_own_threshold(evaluation, runs_of):
+    path = evaluation(left=(0.52, 0.58), task="sweep", threshold=0.55)
+    assert [run.success for run in runs_of(path)] == [True, False]
+
+
+def test_older_evaluations_leave_threshold_and_method_to_others(evaluation, runs_of):
+    runs = runs_of(evaluation(left=(0.52, 0.58), task="sweep", old=True))
+    assert [run.success for run in runs] == [True, False]
+    assert {run.method for run in runs} == {"translation"}
+    assert not any(run.samples_curve.size or run.method_is_certain for run in runs)
+
+
+def test_tasks_and_methods_have_one_order(evaluation, runs_of):
+    methods = ("gail", "translation without img", "oracle", "translation")
+    left = (0.1,) * 4
+    runs = runs_of(evaluation("a", left, task="glide:Glide", methods=methods), evaluation("b", left, methods=methods))
+    order = [(item.task, item.method) for item in summarise(runs)]
+    assert order == [
+        (task, method)
+        for task in ("reach", "glide:Glide")
+        for method in ("oracle", "translation", "translation without img", "gail")
+    ]
+
+
+def test_csv_has_a_row_a_run_and_knows_only_what_concerns_it(evaluation, runs_of):
+    text = as_csv(runs_of(evaluation(left=(0.25, 0.75), methods=("translation", "oracle"))))
+    table = list(csv.DictReader(io.StringIO(text)))
+    assert tuple(table[0]) == COLUMNS and len(table) == 2
+    translation, oracle = table
+    assert (translation["normalised_distance"], translation["success_paper"]) == ("0.25", "1")
+    assert (translation["final_distance"], translation["translator_minutes"]) == ("0.5", "20.0")
+    assert (translation["psnr"], translation["tau_way"]) == ("30.5", "")
+    # The oracle has a translation for a parent and learns nothing from it.
+    assert (oracle["translator_minutes"], oracle["psnr"], oracle["success_paper"]) == ("", "", "0")
+
+
+def test_a_policy_that_was_evaluated_twice_counts_once(evaluation, runs_of, tmp_path):
+    one, two = policy(tmp_path, "one", 1), policy(tmp_path, "two", 2)
+    both = evaluation("both", (0.1, 0.2), parents=[one, two])
+    # The same file under another seed: the digest tells.
+    again = evaluation("again", (0.3,), parents=[two], first_seed=5)
+    kept, duplicates = count_once(runs_of(both, again))
+    assert len(kept) == 2 and len(duplicates) == 1
+    assert {item.run.evaluation.path for item in duplicates} < {both, again}
+
+
+def test_the_same_method_and_seeds_count_once(evaluation, runs_of, tmp_path):
+    first = evaluation("first", (0.1,), parents=[policy(tmp_path, "first", 1)])
+    second = evaluation("second", (0.2,), parents=[policy(tmp_path, "second", 2)])
+    other = evaluation("other", (0.3,), parents=[policy(tmp_path, "other", 3)], first_seed=1)
+    kept, duplicates = count_once(runs_of(first, second, other))
+    assert len(kept) == 2 and len(duplicates) == 1
+
+
+def test_older_evaluations_that_differ_in_their_policies_alone_are_told_apart(evaluation, runs_of, tmp_path):
+    whole = evaluation("whole", (0.1,), old=True, parents=[policy(tmp_path, "whole", 1)])
+    random = evaluation("random", (0.9,), old=True, parents=[policy(tmp_path, "random", 2)])
+    kept, duplicates = count_once(runs_of(whole, random))
+    assert [run.method for run in kept] == ["translation (whole)", "translation (random)"] and not duplicates
+    assert [item.paper for item in summarise(kept)] == [None, None]
+
+
+def test_runs_that_are_not_described_are_refused(evaluation, runs_of):
+    path = evaluation("x", (0.1,), seed=0)
+    runs_of(path)
+    config = {"task": "reach", "success_threshold": 0.5, "runs": []}
+    arrays = dict.fromkeys(
+        ("initial_distance", "final_distance", "final_distance_stochastic", "normalised_distance_stochastic"),
+        np.zeros((1, 2)),
+    )
+    arrays["normalised_distance"] = np.zeros((1, 2))
+    write_artifact(path, "evaluation", arrays, config=config, seed=0, command="ifo")
+    with pytest.raises(ArtifactError, match="describes 0 runs and holds 1"):
+        runs_of(path)
+
+
+def test_a_mean_curve_carries_on_runs_that_ended_early(evaluation, runs_of):
+    path = evaluation(left=(0.2, 0.4))
+    long, short = runs_of(path)
+    samples, mean, error = mean_curve([long, short])
+    assert samples.tolist() == [100, 200, 300]
+    assert mean == pytest.approx([1, 0.65, 0.3])
+    assert error == pytest.approx([0, 0.05, 0.1])
+    short = type(short)(**{**vars(short), "samples_curve": np.array([100.0]), "distance_curve": np.array([0.6])})
+    assert mean_curve([long, short])[1] == pytest.approx([0.8, 0.6, 0.4])
+
+
+def test_ablations_are_shown_where_there_are_some(evaluation, runs_of):
+    methods = ("translation", "translation without img", "oracle")
+    runs = runs_of(evaluation("a", (0.1,) * 3, methods=methods), evaluation("b", (0.1,), task="push"))
+    assert [(item.task, item.method) for item in ablated(summarise(runs))] == [
+        ("reach", "translation"),
+        ("reach", "translation without img"),
+    ]
