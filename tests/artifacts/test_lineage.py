@@ -1,0 +1,56 @@
+"""What an artifact was made from."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+from artifacts import ancestors, lineage, read_artifact, write_artifact
+from tests.artifacts.samples import PROVENANCE, demos_arrays
+
+
+@pytest.fixture
+def translation(tmp_path, translator):
+    arrays = {
+        "context_frame": np.zeros((8, 8, 3), np.uint8),
+        "target_features": np.zeros((3, 4)),
+        "target_images": np.zeros((3, 8, 8, 3), np.uint8),
+    }
+    return write_artifact(tmp_path / "x.translation.h5", "translation", arrays, **PROVENANCE, parents=[translator])
+
+
+def states(path, **options):
+    return [(item.depth, item.parent.kind, item.state) for item in ancestors(read_artifact(path), **options)]
+
+
+def test_all_generations_are_there(translation):
+    expected = [(1, "translator", "present"), (2, "demos", "present")]
+    assert states(translation) == states(translation, check=True) == expected
+    assert states(translation, parents=[]) == []
+
+
+def test_a_branch_ends_where_a_file_is_gone(translation, translator, demos):
+    demos.unlink()
+    assert states(translation) == [(1, "translator", "present"), (2, "demos", "missing")]
+    translator.write_text("no")
+    [item] = ancestors(read_artifact(translation))
+    assert item.state == "unreadable" and item.artifact is None and str(translator) in item.problem
+
+
+def test_a_file_that_took_anothers_place_is_noticed(translation, demos):
+    write_artifact(demos, "demos", demos_arrays(seed=1), **PROVENANCE)
+    assert states(translation)[1] == (2, "demos", "present")
+    assert states(translation, check=True)[1] == (2, "demos", "changed")
+
+
+def test_of_a_large_file_the_date_tells(translation, demos, monkeypatch):
+    monkeypatch.setattr(lineage, "MOST_HASHED", 0)
+    assert states(translation, check=True)[1] == (2, "demos", "present")
+    monkeypatch.setattr(lineage, "sha256_of", None)  # nothing is hashed
+    created = read_artifact(translation).manifest.created
+    while read_artifact(demos).manifest.created <= created:
+        time.sleep(0.1)
+        write_artifact(demos, "demos", demos_arrays(seed=1), **PROVENANCE)
+    assert states(translation, check=True)[1] == (2, "demos", "changed")
