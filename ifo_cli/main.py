@@ -19,6 +19,7 @@ from ifo_cli import (
     evaluate,
     inspect,
     learn_policy,
+    report,
     train_expert,
     train_translator,
     translate,
@@ -61,6 +62,7 @@ _register("train-translator", train_translator.train_translator, train_translato
 _register("translate", translate.translate, translate.EXAMPLES, PRESET_NOTE)
 _register("learn-policy", learn_policy.learn_policy, learn_policy.EXAMPLES, PRESET_NOTE)
 _register("evaluate", evaluate.evaluate, evaluate.EXAMPLES, PRESET_NOTE)
+_register("report", report.report, report.EXAMPLES)
 _register("inspect", inspect.inspect, inspect.EXAMPLES)
 _register("verify", verify.verify, verify.EXAMPLES)
 _register("doctor", doctor.doctor, doctor.EXAMPLES)

@@ -1,5 +1,7 @@
 """From nothing to an evaluated policy, by five commands and four pipes."""
 
+from html import escape
+
 import av
 import numpy as np
 import pytest
@@ -71,6 +73,17 @@ def test_demos_do_not_depend_on_the_number_of_workers(toy, ifo, tmp_path):
     done = ifo(toy.folder, *words, "--workers", 1)
     assert done.returncode == 0, done.stderr
     assert_same_data(out, toy.artifact("demos"))
+
+
+def test_a_report_tells_of_the_whole_pipeline(toy, ifo, tmp_path):
+    page = tmp_path / "page.html"
+    done = ifo(toy.folder, "report", "runs", "--out", page)
+    assert (done.returncode, done.stdout) == (0, f"{page}\n"), done.stderr
+    text = page.read_text()
+    assert text.count("<video") == 2 and text.count("<img") == 2
+    for kind in KINDS:
+        assert escape(read_artifact(toy.artifact(kind)).manifest.command) in text
+    assert "success, paper&#x27;s criterion</dt><dd>" in text and "(below 0.5)" in text
 
 
 @pytest.mark.parametrize("option", [("--reward", "oracle"), ("--reward", "video"), ("--learner", "ppo")])
