@@ -8,7 +8,8 @@ from html import escape
 from typing import Any
 
 from artifacts import Ancestor, Artifact, ancestors, sha256_of
-from stages.reporting.rows import METRICS, Duplicate, Run
+from stages.reporting.counting import Duplicate
+from stages.reporting.rows import METRICS, Run
 
 # What a run's own line or its figures say already.
 SAID = ("policy", "method", "translation_metrics", "samples", "learning_minutes")

@@ -1,16 +1,16 @@
-"""Learning runs as rows of a table, read from evaluation artifacts, every run once."""
+"""Learning runs as rows of a table, read from evaluation artifacts."""
 
 from __future__ import annotations
 
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from artifacts import Artifact, ArtifactError, Parent, stem_of
+from artifacts import Artifact, ArtifactError, Parent
 from artifacts.schema import Config
 from stages.methods import method_name
 
@@ -86,13 +86,18 @@ class Run:
     @property
     def translator_minutes(self) -> float | None:
         """Minutes that training the translator took; None where the reward needs none, or nobody recorded it."""
-        minutes = (self.recorded.get("translator") or {}).get("minutes")
-        return float(minutes) if self._translates and minutes is not None else None
+        minutes = self.translator.get("minutes")
+        return None if minutes is None else float(minutes)
+
+    @property
+    def translator(self) -> dict[str, Any]:
+        """What is on record of the translator, for the reward that needs it; else {}."""
+        return (self.recorded.get("translator") or {}) if self.translates else {}
 
     @property
     def metrics(self) -> dict[str, float]:
         """Of `METRICS` those known, for the reward that they judge."""
-        found = (self.recorded.get("translation_metrics") or {}) if self._translates else {}
+        found = (self.recorded.get("translation_metrics") or {}) if self.translates else {}
         return {name: float(found[name]) for name in METRICS if found.get(name) is not None}
 
     @property
@@ -103,19 +108,12 @@ class Run:
     @property
     def method_is_certain(self) -> bool:
         """Whether the translator is on record; without, a crippled one goes by the name of a whole one."""
-        return not self._translates or bool(self.recorded.get("translator"))
+        return bool(self.translator) or not self.translates
 
     @property
-    def _translates(self) -> bool:
+    def translates(self) -> bool:
+        """Whether it was learned from the translation reward."""
         return self.recorded.get("reward") == "translation"
-
-
-@dataclass(frozen=True)
-class Duplicate:
-    """A run that was left out, because `kept` is the same."""
-
-    run: Run
-    kept: Run
 
 
 def read_runs(artifact: Artifact) -> list[Run]:
@@ -174,50 +172,6 @@ def _curve(artifact: Artifact, index: int) -> tuple[np.ndarray, np.ndarray]:
     samples, distances = artifact["curve/samples"][index], artifact["curve/normalised_distance"][index]
     known = np.isfinite(samples) & np.isfinite(distances)
     return samples[known], distances[known]
-
-
-def count_once(runs: Sequence[Run]) -> tuple[list[Run], list[Duplicate]]:
-    """Leave out what is there twice: the same policy file, or the same task, method and seeds.
-
-    The newest evaluation of a run counts. Runs of older evaluations, which do not record the translator, are told
-    apart by the names of their files where their policies differ and nothing else does.
-
-    Returns:
-        The runs that count, in their order, and those that do not.
-    """
-    named = _tell_apart(runs)
-    counted: dict[Any, Run] = {}
-    kept, duplicates = set(), []
-    newest_first = sorted(range(len(named)), key=lambda k: named[k].evaluation.manifest.created, reverse=True)
-    for k in newest_first:
-        run = named[k]
-        keys = [run.identity, *([run.policy.sha256] if run.policy else [])]
-        same = next((counted[key] for key in keys if key in counted), None)
-        if same is None:
-            counted.update(dict.fromkeys(keys, run))
-            kept.add(k)
-        else:
-            duplicates.append(Duplicate(run, same))
-    return [run for k, run in enumerate(named) if k in kept], duplicates
-
-
-def _tell_apart(runs: Sequence[Run]) -> list[Run]:
-    uncertain: dict[Any, list[Run]] = {}
-    for run in runs:
-        if not run.method_is_certain:
-            uncertain.setdefault(run.identity, []).append(run)
-    ambiguous = {
-        run.evaluation.path
-        for group in uncertain.values()
-        if len({run.policy and run.policy.sha256 for run in group}) > 1
-        for run in group
-    }
-    return [
-        replace(run, method=f"{run.method} ({stem_of(run.evaluation.path)})")
-        if run.evaluation.path in ambiguous and not run.method_is_certain
-        else run
-        for run in runs
-    ]
 
 
 def row(run: Run) -> dict[str, object]:

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from artifacts import ArtifactError, write_artifact
+from stages.reporting.counting import count_once
 from stages.reporting.plots import ablated, mean_curve
-from stages.reporting.rows import COLUMNS, as_csv, count_once
+from stages.reporting.rows import COLUMNS, as_csv
 from stages.reporting.summary import summarise
 from stages.statistics import bootstrap_mean, wilson
 
@@ -84,6 +85,23 @@ def test_the_same_method_and_seeds_count_once(evaluation, runs_of, tmp_path):
     other = evaluation("other", (0.3,), parents=[policy(tmp_path, "other", 3)], first_seed=1)
     kept, duplicates = count_once(runs_of(first, second, other))
     assert len(kept) == 2 and len(duplicates) == 1
+
+
+def test_runs_of_other_settings_are_not_mixed(evaluation, runs_of, tmp_path):
+    usual = evaluation("usual", (0.1, 0.1, 0.1), blur=4.0, iterations=60)
+    other = evaluation("other", (0.9, 0.9), blur=0.0, iterations=60)
+    # One that does not record the option, and what the oracle has no use for.
+    silent = evaluation("silent", (0.2,), first_seed=1)
+    oracle = evaluation("oracle", (0.1, 0.1), methods=("oracle",), blur=0.0)
+    kept, duplicates = count_once(runs_of(usual, other, silent, oracle))
+    assert not duplicates
+    assert [run.method for run in kept] == [
+        *["translation"] * 3,
+        *["translation, blur 0"] * 2,
+        "translation",
+        *["oracle"] * 2,
+    ]
+    assert [item.paper for item in summarise(kept)] == [0.9, 0.85, None]
 
 
 def test_older_evaluations_that_differ_in_their_policies_alone_are_told_apart(evaluation, runs_of, tmp_path):

@@ -1,0 +1,95 @@
+"""Every run once, and runs under one name only if they were made alike."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from artifacts import stem_of
+from stages.methods import LEARNING, TRANSLATOR
+from stages.reporting.rows import Run
+
+ALWAYS = ("learner", "iterations", "episodes")  # of LEARNING, what matters to every reward
+
+
+@dataclass(frozen=True)
+class Duplicate:
+    """A run that was left out, because `kept` is the same."""
+
+    run: Run
+    kept: Run
+
+
+def count_once(runs: Sequence[Run]) -> tuple[list[Run], list[Duplicate]]:
+    """Leave out what is there twice: the same policy file, or the same task, method and seeds.
+
+    The newest evaluation of a run counts. First, runs of one method that differ in their settings are told apart:
+    those that are like most keep the method's name, the others get what differs behind it. Older evaluations do not
+    record the translator: where nothing but the policies differs, they get the names of their files.
+
+    Returns:
+        The runs that count, in their order, and those that do not.
+    """
+    named = _told_apart_by_file(_told_apart_by_settings(runs))
+    counted: dict[Any, Run] = {}
+    kept, duplicates = set(), []
+    newest_first = sorted(range(len(named)), key=lambda k: named[k].evaluation.manifest.created, reverse=True)
+    for k in newest_first:
+        run = named[k]
+        keys = [run.identity, *([run.policy.sha256] if run.policy else [])]
+        same = next((counted[key] for key in keys if key in counted), None)
+        if same is None:
+            counted.update(dict.fromkeys(keys, run))
+            kept.add(k)
+        else:
+            duplicates.append(Duplicate(run, same))
+    return [run for k, run in enumerate(named) if k in kept], duplicates
+
+
+def _told_apart_by_settings(runs: Sequence[Run]) -> list[Run]:
+    groups: dict[tuple[str, str], list[str]] = {}
+    for run in runs:
+        groups.setdefault((run.task, run.method), []).append(json.dumps(_settings(run)))
+    usual = {key: json.loads(Counter(group).most_common(1)[0][0]) for key, group in groups.items()}
+    return [_named(run, usual[run.task, run.method]) for run in runs]
+
+
+def _settings(run: Run) -> dict[str, Any]:
+    """Recorded options by name, the translator's with a word before them; what is not recorded is left out."""
+    options = {name: run.recorded.get(name) for name in (LEARNING if run.translates else ALWAYS)}
+    options |= {f"translator {name}": run.translator.get(name) for name in TRANSLATOR}
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def _named(run: Run, usual: dict[str, Any]) -> Run:
+    # What one of the two does not record says nothing.
+    differing = {name: value for name, value in _settings(run).items() if name in usual and value != usual[name]}
+    return replace(
+        run, method=", ".join([run.method, *(f"{name} {_text(value)}" for name, value in differing.items())])
+    )
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else f"{value:g}" if isinstance(value, float) else json.dumps(value)
+
+
+def _told_apart_by_file(runs: Sequence[Run]) -> list[Run]:
+    uncertain: dict[Any, list[Run]] = {}
+    for run in runs:
+        if not run.method_is_certain:
+            uncertain.setdefault(run.identity, []).append(run)
+    ambiguous = {
+        run.evaluation.path
+        for group in uncertain.values()
+        if len({run.policy and run.policy.sha256 for run in group}) > 1
+        for run in group
+    }
+    return [
+        replace(run, method=f"{run.method} ({stem_of(run.evaluation.path)})")
+        if run.evaluation.path in ambiguous and not run.method_is_certain
+        else run
+        for run in runs
+    ]
