@@ -27,6 +27,7 @@ demo: setup ## The main job: learn to reach from videos of other contexts, prese
 	@find runs -maxdepth 1 -name '*.mp4' -newer runs/.demo | sort | sed 's/^/  /'
 
 test: setup ## Run the tests that take seconds.
+	@bash .ci/browser.sh
 	@pytest -n auto --dist loadfile
 
 slow: setup ## Run the tests that take minutes.

@@ -1,6 +1,5 @@
 #!/usr/bin/env bash
-# Make .venv: pinned packages, a CPU build of torch where there is no GPU, a library to draw with, and where we may
-# install one, a browser for the tests of `ifo report`.
+# Make .venv: pinned packages, a CPU build of torch where there is no GPU, and a library to draw with.
 # `make` runs it when pyproject.toml or constraints.txt is newer than the last run.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -83,16 +82,7 @@ install_gl() {
     say "(then \`$VENV/bin/ifo doctor\` should be content)"
 }
 
-# Without it those tests are skipped, and nothing else misses it.
-install_browser() {
-    command -v chromium >/dev/null || command -v google-chrome >/dev/null && return
-    root_with_apt || return 0
-    say "installing chromium to test reports with"
-    apt_install --no-install-recommends chromium || say "chromium cannot be installed: tests that need it are skipped"
-}
-
 make_venv
 install_packages
 install_gl
-install_browser
 touch $VENV/.stamp

@@ -29,7 +29,7 @@ SUCCESS = {
     ("reach", "translation without img"): 0.75,
     ("reach", "translation without trans"): 0.55,
     ("reach", "translation without rec"): 0.45,
-    ("reach", "translation without rec, align"): 0.45,
+    ("reach", "translation without rec, align"): 0.55,
     ("push", "translation without feat"): 0.60,
     ("push", "translation without img"): 0.40,
 }
