@@ -38,7 +38,11 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     from stages.threads import use_threads
     from stages.translate import load_translation
 
-    if config.reward != "oracle" and set(config.without) >= set(REWARD_TERMS):
+    if config.without and config.reward not in ("translation", "video"):
+        raise UsageError(
+            f"--without {config.without[0]}: expected --reward translation or video, which has such a term"
+        )
+    if set(config.without) >= set(REWARD_TERMS):
         raise UsageError("--without feat --without img leaves no reward to learn from: keep one of the two")
     if config.negatives and (config.reward != "translation" or "feat" in config.without):
         raise UsageError("--negatives tunes the features of --reward translation: use it with them, or leave it out")

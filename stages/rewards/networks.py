@@ -24,6 +24,8 @@ LITE_LAYERS = {"block2": 2, "block4": 4, "block7": 7, "block10": 10, "block15": 
 LITE_SIZE = 96  # pixels that frames are drawn up to: 87 images/s on a core, 11 at the 224 that it was trained at
 INCEPTION_LAYERS = ("Conv2d_4a_3x3", "Mixed_5d", "Mixed_6a", "Mixed_6e", "Mixed_7c")
 INCEPTION_SIZE = 299
+# What torch's reader of tensors raises on files that are none.
+DAMAGED = (RuntimeError, OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, pickle.UnpicklingError)
 GRID = 6  # rows and columns that features of finer layers are averaged to
 
 
@@ -88,7 +90,7 @@ def _read(path: Path) -> dict[str, Tensor]:
         raise UsageError(f"--weights {path}: no such file")
     try:
         state = torch.load(path, map_location="cpu", weights_only=True)
-    except (RuntimeError, EOFError, OSError, ValueError, pickle.UnpicklingError) as error:
+    except DAMAGED as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise UsageError(f"--weights {path}: expected a file of tensors ({reason})") from error
     if not isinstance(state, dict) or not all(isinstance(value, Tensor) for value in state.values()):

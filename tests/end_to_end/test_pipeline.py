@@ -86,7 +86,19 @@ def test_a_report_tells_of_the_whole_pipeline(toy, ifo, tmp_path):
     assert "success, paper&#x27;s criterion</dt><dd>" in text and "(below 0.5)" in text
 
 
-@pytest.mark.parametrize("option", [("--reward", "oracle"), ("--reward", "video"), ("--learner", "ppo")])
+@pytest.mark.parametrize(
+    "option",
+    [
+        ("--reward", "oracle"),
+        ("--reward", "video"),
+        ("--reward", "pretrained", "--layer", "block2"),
+        ("--reward", "gail", "--discriminator-steps", "2"),
+        ("--reward", "tpil", "--discriminator-steps", "2"),
+        ("--reward", "joints"),
+        ("--learner", "ppo"),
+    ],
+    ids=lambda option: option[1],
+)
 def test_other_rewards_and_learners(toy, ifo, tmp_path, option):
     out = tmp_path / "other.policy.h5"
     done = ifo(toy.folder, "learn-policy", toy.artifact("translation"), *option, "--out", out)
@@ -94,6 +106,19 @@ def test_other_rewards_and_learners(toy, ifo, tmp_path, option):
     curve = read_artifact(out, "policy")["curve/normalised_distance"]
     assert len(curve) == 3
     assert np.isfinite(curve).all()
+
+
+def test_demonstrations_in_the_learners_own_context(toy, ifo, tmp_path):
+    out = tmp_path / "own.demos.h5"
+    words = ("collect-demos", "reach", "--preset", "toy", "--expert", toy.artifact("expert"), "--context-seed", 0)
+    done = ifo(toy.folder, *words, "-n", 6, "--out", out)
+    assert done.returncode == 0, done.stderr
+    demos, translation = read_artifact(out, "demos"), read_artifact(toy.artifact("translation"))
+    for name in demos.names("contexts"):
+        np.testing.assert_array_equal(demos[name], np.repeat(translation[name], 6, axis=0))
+    first = demos["frames"][:, 0].astype(int)
+    assert np.abs(first - translation["context_frame"]).mean() < 6  # but for where the arm starts
+    assert len(np.unique(first.reshape(6, -1), axis=0)) > 1
 
 
 def test_an_evaluation_keeps_the_learning_curves_of_all_its_policies(toy, ifo, tmp_path):

@@ -1,0 +1,29 @@
+"""Joint-angle tracking pays for the demonstration's own angles and nothing else."""
+
+import numpy as np
+
+from stages.rewards.joints import JointsReward
+from stages.simulation.push import Push
+from stages.simulation.task import State
+
+
+def returns(reward, task, qpos):
+    """Return of one episode along joint positions (T, nq), given to two equal simulations."""
+    total = np.zeros(2)
+    for step in range(1, task.control_steps + 1):
+        at = np.tile(qpos[min(step // task.frame_every, task.frames - 1)], (2, 1))
+        zeros = np.zeros_like(at)
+        total += reward(step, State(at, zeros, np.zeros((2, 1, 3)), np.zeros(2), zeros), zeros, {})
+    assert total[0] == total[1]
+    return total[0]
+
+
+def test_following_returns_nothing_and_standing_still_minus_one():
+    task = Push()
+    path = np.linspace(0, 1, task.frames)[:, None] * np.array([1.0, -0.5, 0.5, 9.0, 9.0])
+    reward = JointsReward(task, path)
+    assert returns(reward, task, path) == 0.0
+    np.testing.assert_allclose(returns(reward, task, np.zeros_like(path)), -1.0)
+    object_elsewhere = path.copy()
+    object_elsewhere[:, 3:] = -1.0
+    assert returns(reward, task, object_elsewhere) == 0.0
