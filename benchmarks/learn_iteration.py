@@ -96,13 +96,13 @@ def parts():
 def batch_env(workers: int):
     """What learn-policy uses."""
     from stages.learners.environment import EpisodeEnv
-    from stages.rewards.translation import TranslationReward
+    from stages.rewards.translation import BatchTranslationReward
     from stages.simulation.contexts import repeat
     from stages.simulation.render import RenderPool
 
     task, context, model, target = parts()
     pool = RenderPool.of(task, workers)
-    reward = TranslationReward(task, context, model, target, pool)
+    reward = BatchTranslationReward(task, context, model, target, pool)
     return EpisodeEnv(task, EPISODES, SEED, lambda rng, n: repeat(context, n), reward, nthread=workers)
 
 

@@ -70,31 +70,21 @@ def _translation(
     ramp: str,
 ) -> Any:
     """Tracking of the translation, or of the true expert's video as a perfect one."""
-    import torch
-
     from stages.rewards.negatives import NegativeTuning
-    from stages.rewards.translation import TrackingTarget, TranslationReward
-    from stages.train_translator import load_translator
-    from stages.translation.networks import to_images
+    from stages.rewards.translation import BatchTranslationReward, TrackingTarget
+    from stages.translation.networks import load_translator
 
-    if config.reward == "video":
-        if "expert_frames" not in source:
-            raise ArtifactError(
-                f"{source.path} holds no video of the expert in this context, expected one for --reward video; "
-                "translate again where the demonstrations' expert is at hand"
-            )
-        features, images = source["expert_features"], to_images(torch.from_numpy(source["expert_frames"]))
-    else:
-        features = source["target_features"]
-        images = torch.from_numpy(source["target_images"]).movedim(-1, 1) / 127.5 - 1
-    feature_scale, image_scale = float(source["feature_scale"]), float(source["image_scale"])
+    if config.reward == "video" and "expert_frames" not in source:
+        raise ArtifactError(
+            f"{source.path} holds no video of the expert in this context, expected one for --reward video; "
+            "translate again where the demonstrations' expert is at hand"
+        )
     model = load_translator(source.parent("translator", check=True), device)
-    scales = feature_scale, image_scale
-    target = TrackingTarget(torch.from_numpy(features).to(device), images.to(device), *scales, config.blur)
+    target = TrackingTarget.of(source, config.blur, device, expert=config.reward == "video")
     tuning = None
     if config.negatives:
         tuning = NegativeTuning(model, target, source["images"], config.negatives, seed, device)
-    return TranslationReward(
+    return BatchTranslationReward(
         task, contexts, model, target, pool(), config.without, config.image_weight, ramp, device, tuning
     )
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from artifacts import Artifact, ArtifactError, UsageError, default_path, read_artifact, stem_of, write_artifact
+from artifacts import ArtifactError, UsageError, default_path, read_artifact, stem_of, write_artifact
 from stages.checkpoints import Checkpoints
 from stages.configs import LOSSES, TranslatorConfig
 from stages.run import RunOptions, StageResult, environment, full_config, pick_device, pick_workers
@@ -95,27 +95,3 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
 def held_out_count(demonstrations: int, wanted: int) -> int:
     """Demonstrations never trained on, the file's last: `wanted`, but at most a fifth and at least two."""
     return max(min(wanted, demonstrations // 5), 2)
-
-
-def load_translator(artifact: Artifact, device: str = "cpu"):
-    """The network that a translator artifact holds, in evaluation mode.
-
-    Raises:
-        ArtifactError: The weights do not fit the architecture that the artifact names.
-    """
-    import torch
-
-    from stages.configs import ARCHITECTURES
-    from stages.translation.networks import make_translator
-
-    arch, size = artifact.config["arch"], artifact.config["size"]
-    if arch not in ARCHITECTURES or not size:
-        raise ArtifactError(f"{artifact.path}: architecture {arch!r} is unknown, expected {' or '.join(ARCHITECTURES)}")
-    with torch.random.fork_rng(devices=[]):
-        model = make_translator(arch, tuple(size))
-    try:
-        model.load_state_dict({name: torch.from_numpy(value) for name, value in artifact.group("weights").items()})
-    except RuntimeError as error:
-        reason = " ".join(str(error).split())
-        raise ArtifactError(f"{artifact.path}: the weights do not fit architecture {arch} ({reason})") from error
-    return model.to(device).eval().requires_grad_(False)

@@ -46,9 +46,8 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     from stages.rewards.translation import motion
     from stages.simulation.gl import choose_backend
     from stages.threads import use_threads
-    from stages.train_translator import load_translator
     from stages.translation.alignment import at_index, common_index, require_tslearn
-    from stages.translation.networks import to_frames, to_images
+    from stages.translation.networks import load_translator, to_frames, to_images
 
     source = read_artifact(translator, "translator")
     demos = source.parent("demos", check=True)
@@ -195,8 +194,6 @@ def _judge(
     device: str,
 ) -> tuple[np.ndarray, Quality]:
     """The expert's own video (T, H, W, 3) in the learner's context, and how the reward ranks what is done there."""
-    import torch
-
     from stages.collect_demos import expert_video
     from stages.learners.policy import Policy
     from stages.rewards.quality import reward_quality
@@ -207,17 +204,14 @@ def _judge(
 
     task = make_task(task_name)
     policy = Policy.load(load_expert(expert, task_name))
-    images = torch.from_numpy(arrays["target_images"]).movedim(-1, 1) / 127.5 - 1
-    features = torch.from_numpy(arrays["target_features"])
     learning = defaults(run.preset, "learn-policy", task_name)  # The reward that will be learned from, as it stands.
-    scales = float(arrays["feature_scale"]), float(arrays["image_scale"])
     with RenderPool.of(task, 1) as pool:
         quality = reward_quality(
             task,
             contexts,
             lambda state, where: policy.act(task.observe_expert(state, where)),
             model,
-            TrackingTarget(features.to(device), images.to(device), *scales, learning.blur),
+            TrackingTarget.of(arrays, learning.blur, device),
             pool,
             generator(run.seed, "reward-quality"),
             learning.image_weight,

@@ -24,6 +24,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from artifacts import Artifact
 from stages.simulation.contexts import Contexts
 from stages.simulation.render import RenderPool
 from stages.simulation.task import State, Task
@@ -53,6 +54,26 @@ class TrackingTarget:
     feature_scale: float
     image_scale: float
     blur: float = 0.0
+
+    @classmethod
+    def of(
+        cls, source: Artifact | dict[str, np.ndarray], blur: float, device: str = "cpu", expert: bool = False
+    ) -> TrackingTarget:
+        """The target that a `translation` artifact, or its arrays, hold.
+
+        Args:
+            source: The artifact.
+            blur: As above.
+            device: Torch device.
+            expert: Track the expert's own video in the context, a perfect translation, which must be there.
+        """
+        features = torch.from_numpy(source["expert_features" if expert else "target_features"])
+        if expert:
+            images = to_images(torch.from_numpy(source["expert_frames"]))
+        else:
+            images = torch.from_numpy(source["target_images"]).movedim(-1, 1) / 127.5 - 1
+        scales = float(source["feature_scale"]), float(source["image_scale"])
+        return cls(features.to(device), images.to(device), *scales, blur)
 
     @property
     def blurs(self) -> bool:
@@ -106,7 +127,45 @@ def time_weights(ramp: str, frames: int) -> np.ndarray:
     return j**2 / np.mean(j**2) if ramp == "quadratic" else np.ones_like(j)
 
 
-class TranslationReward:
+@dataclass(frozen=True)
+class FrameReward:
+    """The reward of single frames.
+
+    Attributes:
+        model: The network whose Enc1 makes the features.
+        target: What to track.
+        weights: Weight (T,) of each frame's reward.
+        image_weight: w_rec.
+        without: Terms that are switched off, of `feat` and `img`.
+        device: Torch device of the model and the target.
+    """
+
+    model: Translator
+    target: TrackingTarget
+    weights: np.ndarray
+    image_weight: float = 1.0
+    without: tuple[str, ...] = ()
+    device: str = "cpu"
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """The terms that are not switched off."""
+        return tuple(term for term in ("feat", "img") if term not in self.without)
+
+    @torch.no_grad()
+    def __call__(self, images: np.ndarray, frame: int) -> dict[str, np.ndarray]:
+        """Each term's weighted reward (n,) of images (n, H, W, 3), uint8, at the frame index `frame`."""
+        shown = to_images(torch.from_numpy(images).to(self.device))
+        weight = float(self.weights[frame])
+        rewards = {}
+        if "feat" in self.terms:
+            rewards["feat"] = -weight * self.target.feature_error(self.model.encode(shown), frame)
+        if "img" in self.terms:
+            rewards["img"] = -weight * self.image_weight * self.target.image_error(shown, frame)
+        return {term: reward.double().cpu().numpy() for term, reward in rewards.items()}
+
+
+class BatchTranslationReward:
     """Reward of n simulations in one fixed context; draws their frames and encodes them.
 
     The reward is given at the control steps whose state a frame shows; the first frame precedes every action and
@@ -132,17 +191,15 @@ class TranslationReward:
         its network, tuned on what the learner does.
         """
         self._tuning = tuning
-        self._task, self._target, self._pool, self._device = task, target, pool, device
-        self._model = model if tuning is None else tuning.model
+        self._task, self._pool = task, pool
         self._fields = task.model_fields(context)
-        self._use = {term: term not in without for term in ("feat", "img")}
-        self._image_weight = image_weight
-        self._time_weight = time_weights(ramp, task.frames)
+        features_of = model if tuning is None else tuning.model
+        weights = time_weights(ramp, task.frames)
+        self._reward = FrameReward(features_of, target, weights, image_weight, without, device)
         self._sums = {"feat": 0.0, "img": 0.0, "return": 0.0}
         self._episodes = 0
         self._ranked = float("nan")
 
-    @torch.no_grad()
     def __call__(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
         if step == 1:
             self._episodes += 1
@@ -152,27 +209,17 @@ class TranslationReward:
         drawn = self._pool.render(self._fields, state.qpos[None])[0]
         if self._tuning is not None:
             self._tuning.see(frame, drawn)
-        images = to_images(torch.from_numpy(drawn).to(self._device))
-        weight = float(self._time_weight[frame])
-        total = np.zeros(len(images))
-        if self._use["feat"]:
-            error = self._target.feature_error(self._model.encode(images), frame)
-            total += self._add("feat", -weight * error)
-        if self._use["img"]:
-            error = self._target.image_error(images, frame)
-            total += self._add("img", -weight * self._image_weight * error)
+        total = np.zeros(len(drawn))
+        for term, values in self._reward(drawn, frame).items():
+            self._sums[term] += float(values.mean())
+            total += values
         self._sums["return"] += float(total.mean())
         return total
-
-    def _add(self, term: str, reward: Tensor) -> np.ndarray:
-        values = reward.double().cpu().numpy()
-        self._sums[term] += float(values.mean())
-        return values
 
     def terms(self) -> dict[str, float]:
         means = {name: value / max(self._episodes, 1) for name, value in self._sums.items()}
         self._sums, self._episodes = dict.fromkeys(self._sums, 0.0), 0
-        shown = {name: value for name, value in means.items() if name == "return" or self._use[name]}
+        shown = {name: value for name, value in means.items() if name in ("return", *self._reward.terms)}
         return shown if self._tuning is None else {**shown, "ranked": self._ranked}
 
     def iterate(self) -> None:

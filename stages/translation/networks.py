@@ -14,7 +14,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from artifacts import ArtifactError
+from artifacts import Artifact, ArtifactError
+from stages.configs import ARCHITECTURES
 from stages.translation.layers import LEAK, ConvEncoder, SkipConvTranspose2d, halved, he_initialise
 
 
@@ -221,6 +222,25 @@ def make_translator(arch: str, size: tuple[int, int]) -> Translator:
     if size[0] % 4 or size[1] % 4:
         raise ArtifactError(f"frames of {size[1]}x{size[0]} pixels: expected width and height to be multiples of 4")
     return PaperTranslator(size) if arch == "paper" else CompactTranslator(size)
+
+
+def load_translator(artifact: Artifact, device: str = "cpu") -> Translator:
+    """The network that a translator artifact holds, in evaluation mode.
+
+    Raises:
+        ArtifactError: The weights do not fit the architecture that the artifact names.
+    """
+    arch, size = artifact.config["arch"], artifact.config["size"]
+    if arch not in ARCHITECTURES or not size:
+        raise ArtifactError(f"{artifact.path}: architecture {arch!r} is unknown, expected {' or '.join(ARCHITECTURES)}")
+    with torch.random.fork_rng(devices=[]):
+        model = make_translator(arch, tuple(size))
+    try:
+        model.load_state_dict({name: torch.from_numpy(value) for name, value in artifact.group("weights").items()})
+    except RuntimeError as error:
+        reason = " ".join(str(error).split())
+        raise ArtifactError(f"{artifact.path}: the weights do not fit architecture {arch} ({reason})") from error
+    return model.to(device).eval().requires_grad_(False)
 
 
 def to_images(frames: Tensor) -> Tensor:

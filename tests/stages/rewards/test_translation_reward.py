@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from stages.rewards.state import OracleReward
-from stages.rewards.translation import TrackingTarget, TranslationReward, gaussian, motion
+from stages.rewards.translation import BatchTranslationReward, TrackingTarget, gaussian, motion
 from stages.simulation.contexts import DISTRIBUTIONS
 from stages.simulation.reach import Reach
 from stages.simulation.render import RenderPool
@@ -44,7 +44,7 @@ def make(scene, **options):
     images = to_images(torch.from_numpy(frames))
     features = model.encode(images)
     target = TrackingTarget(features, images, float(motion(features[None])), float(motion(images[None])))
-    return TranslationReward(task, context, model, target, pool, **options), model, target
+    return BatchTranslationReward(task, context, model, target, pool, **options), model, target
 
 
 def episode(reward, task, qpos):
