@@ -118,6 +118,10 @@ def _run(words: list[str]) -> int:
         command = typer.main.get_command(app)
         code = command.main(words, prog_name="ifo", standalone_mode=False, obj=words)
     except typer.TyperException as error:
+        from stages.processes import is_main
+
+        if not is_main():
+            return 0  # Launched together, all were told the same, and the main process says what is wrong with it.
         message = _tidied(error.format_message())
         if message and words:
             help_command = shlex.join(["ifo", *_command_of(words), "--help"])

@@ -11,14 +11,17 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from artifacts.errors import PlatformError, UsageError
+from artifacts.errors import IfoError, PlatformError, UsageError
 from ifo_cli.options import Given
 from ifo_cli.streams import emit, inputs_or_stdin, plain, stdout_to_stderr
 from stages.configs import PRESETS, TASKS, defaults
 
 if TYPE_CHECKING:
     from artifacts import Artifact
+    from stages.processes import Processes
     from stages.run import RunOptions, StageResult
+
+SHARED = ("train-translator",)  # stages whose work several processes can share
 
 # The kind that a stage reads, and the kind that it writes.
 READS = {
@@ -62,7 +65,7 @@ def run_stage(
     several: bool = False,
     task: str = "",
 ) -> None:
-    """Run a stage and print its artifact's path, or with --json its figures.
+    """Run a stage and print its artifact's path, or with --json its figures; of several processes, the main one does.
 
     Args:
         stage: Name of the stage.
@@ -72,12 +75,38 @@ def run_stage(
         several: Whether the stage takes more than one input.
         task: The task that the command line named; else the first input's.
     """
+    from stages.processes import OtherFailed, join
+
+    try:
+        with stdout_to_stderr():
+            processes = join(stage, given.run.get("device", "auto"), stage in SHARED)
+    except OtherFailed:
+        return
+    try:
+        _run(stage, given, call, processes, named=named, several=several, task=task)
+    except IfoError as error:
+        if processes.failed(error):
+            raise
+
+
+def _run(
+    stage: str,
+    given: Given,
+    call: Call,
+    processes: Processes,
+    *,
+    named: Sequence[Path] | None,
+    several: bool,
+    task: str,
+) -> None:
     _check_numbers(given)
     out = _check_out(given.run.get("out"))
     if named is None:
         paths = []
     else:
         kind = READS[stage]
+        if not named and processes.count > 1:
+            raise UsageError(f"several processes share no standard input: name the {kind} artifact (NAME.{kind}.h5)")
         paths = inputs_or_stdin(named, f"the {kind} artifact (NAME.{kind}.h5)", several=several)
     if out is not None and any(_same_file(path, out) for path in paths):
         raise UsageError(f"--out {out} would replace the stage's own input: choose another name")
@@ -91,17 +120,20 @@ def run_stage(
         run = RunOptions(
             **{**_inherited(parents), **given.run},
             command=shlex.join(["ifo", *words]),
-            progress=Progress(quiet=given.quiet),
+            progress=Progress(quiet=given.quiet or not processes.main),
+            processes=processes,
         )
         task = task or (str(parents[0].config.get("task") or "") if parents else "")
         config = dataclasses.replace(defaults(run.preset, stage, task), **given.config)
-        made = _make_folder(out)
+        made = _make_folder(out) if processes.main else []
         try:
             result = call(config, run, paths)
         except UsageError:
             for folder in made:
                 folder.rmdir()
             raise
+    if not processes.main:
+        return
     if given.json:
         emit(json.dumps({"path": str(result.path), "kind": WRITES[stage], **plain(result.summary)}))
     else:

@@ -92,6 +92,9 @@ class TranslatorConfig:
     videos: int = option(16, "Videos a step; each is source of one pair and target of another.", low=2)
     frames: int = option(4, "Frames of each video a step, at the same times in all.", low=1)
     pairings: int = option(1, "Pairings of the videos a step.", low=1)
+    groups: int = option(
+        1, "Groups of `videos` a step; pairs are made within a group, and processes share the groups out.", low=1
+    )
     rec_frames: int = option(1, "Frames of each video a step that L_rec reconstructs (0: all).", low=0)
     learning_rate: float = option(1e-3, "Peak learning rate.", low=0)
     schedule: str = option("cosine", "Learning-rate schedule.", ("cosine", "constant"))

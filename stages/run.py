@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from artifacts import PlatformError, UsageError
+from stages.processes import Processes
 from stages.progress import Progress
 
 MAX_WORKERS_A_CORE = 4
@@ -28,6 +29,7 @@ class RunOptions:
         resume: Continue from the checkpoint beside `out` where there is one.
         command: The command line, for the artifact's lineage.
         progress: Where progress and messages go.
+        processes: The processes that share the run.
     """
 
     preset: str = "quick"
@@ -38,6 +40,7 @@ class RunOptions:
     resume: bool = False
     command: str = "ifo"
     progress: Progress = field(default_factory=Progress)
+    processes: Processes = field(default_factory=Processes)
 
 
 @dataclass(frozen=True)

@@ -47,14 +47,15 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
     if config.align == "dtw":
         require_tslearn()
     source = read_artifact(demos, "demos")
-    device = pick_device(run.device)
-    use_threads(pick_workers(run.workers))
+    device = run.processes.device or pick_device(run.device)
+    workers = pick_workers(run.workers)
+    use_threads(workers if run.workers else max(workers // run.processes.here, 1))
     out = run.out or default_path(source.path.parent, stem_of(source.path), "translator")
     frames = torch.from_numpy(source["frames"])
     held_out = held_out_count(len(frames), config.held_out)
     if len(frames) - held_out < 2:
         raise ArtifactError(f"{demos} holds {len(frames)} demonstrations, expected 4 or more: collect more with -n")
-    training = TranslatorTraining(config, frames[:-held_out], run.seed, device)
+    training = TranslatorTraining(config, frames[:-held_out], run.seed, device, run.processes)
     described = full_config("train-translator", config, run, task=source.config.get("task"))
     described |= {"demonstrations": len(frames), "held_out_demonstrations": held_out, "size": list(frames.shape[2:4])}
 
@@ -68,6 +69,9 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
 
     checkpoints = Checkpoints(run, out, "train-translator", described, [source.path])
     curve = train(training, evaluate, run, out, checkpoints)
+    if not run.processes.main:
+        run.processes.finish()
+        return StageResult(out, {})
     measured = evaluate(training.average, held_out)
     metrics = {name: measured[name] for name in METRICS}
     run.progress.say(
@@ -86,9 +90,10 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
         seed=run.seed,
         command=run.command,
         parents=[source.path],
-        environment=environment(device),
+        environment=environment(device) | ({"processes": str(run.processes.count)} if run.processes.count > 1 else {}),
     )
     checkpoints.remove()
+    run.processes.finish()
     return StageResult(out, metrics)
 
 

@@ -6,6 +6,7 @@ import copy
 import math
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from artifacts import sibling
 from stages.board import TensorBoard
 from stages.checkpoints import Checkpoints
 from stages.configs import TranslatorConfig
+from stages.processes import Processes
 from stages.run import RunOptions
 from stages.seeding import generator, integer
 from stages.state import from_tree, to_tree
@@ -33,7 +35,9 @@ ALIGN_AT = (0.2, 0.5)  # shares of the steps after which videos are aligned, and
 class TranslatorTraining:
     """State of a training run: networks, optimiser and step. Batches follow from seed and step alone."""
 
-    def __init__(self, config: TranslatorConfig, frames: Tensor, seed: int, device: str):
+    def __init__(
+        self, config: TranslatorConfig, frames: Tensor, seed: int, device: str, processes: Processes | None = None
+    ):
         """Start from fresh weights.
 
         Args:
@@ -41,7 +45,13 @@ class TranslatorTraining:
             frames: Training demonstrations (N, T, H, W, 3), uint8; frame 0 of each is its context.
             seed: The run's seed.
             device: Torch device.
+            processes: The processes that share each step's groups (None: this one alone).
+
+        Raises:
+            UsageError: The groups cannot be shared out evenly.
         """
+        self._processes = processes or Processes()
+        self._groups = self._processes.share(config.groups)
         self.config, self.seed, self.device = config, seed, device
         self._frames = frames
         self._index: np.ndarray | None = None  # Frames (N, T) that bring the videos to one tempo.
@@ -69,17 +79,11 @@ class TranslatorTraining:
         config = self.config
         for group in self.optimiser.param_groups:
             group["lr"] = self._rate()
-        videos, contexts, sources, reconstructed = self._batch()
-        use_amp = config.amp and self.device.startswith("cuda")
-        with torch.autocast("cuda", torch.bfloat16, enabled=use_amp):
-            losses = self._losses(self.model, videos, contexts, sources, config.motion_weight, reconstructed)
-            total = (
-                self._weights.trans * losses["trans"]
-                + self._weights.rec * losses["rec"]
-                + self._weights.align * losses["align"]
-            )
         self.optimiser.zero_grad(set_to_none=True)
-        total.backward()
+        parts = [self._backward(group) for group in self._groups]
+        losses = {name: sum(part[name] for part in parts) / len(parts) for name in parts[0]}
+        if self._processes.count > 1:
+            losses = self._share(losses)
         if config.schedule == "cosine":
             torch.nn.utils.clip_grad_norm_(self.model.parameters(), GRADIENT_NORM)
         self.optimiser.step()
@@ -88,7 +92,36 @@ class TranslatorTraining:
             decay = min(config.ema, (1 + self.step) / (10 + self.step))
             with torch.no_grad():
                 torch._foreach_lerp_(list(self.average.parameters()), list(self.model.parameters()), 1 - decay)
+        return losses
+
+    def _backward(self, group: int) -> dict[str, float]:
+        """Add the gradients of one of this process's groups, for their mean; returns its three losses."""
+        config = self.config
+        videos, contexts, sources, reconstructed = self._batch(group)
+        use_amp = config.amp and self.device.startswith("cuda")
+        with torch.autocast("cuda", torch.bfloat16, enabled=use_amp):
+            losses = self._losses(self.model, videos, contexts, sources, config.motion_weight, reconstructed)
+            total = (
+                self._weights.trans * losses["trans"]
+                + self._weights.rec * losses["rec"]
+                + self._weights.align * losses["align"]
+            )
+        (total / len(self._groups)).backward()
         return {name: float(value.detach()) for name, value in losses.items()}
+
+    def _share(self, losses: dict[str, float]) -> dict[str, float]:
+        """Average gradients and losses over the processes.
+
+        In one vector, after the backward pass, and not by DistributedDataParallel: that hooks into one call of one
+        module's `forward`, where here Enc1, T and Dec are called by themselves and some groups may come first.
+        """
+        gradients = [parameter.grad for parameter in self.model.parameters() if parameter.grad is not None]
+        values = torch.tensor(list(losses.values()), device=self.device)
+        mean = self._processes.mean(torch.cat([*(gradient.flatten() for gradient in gradients), values]))
+        *parts, values = mean.split([*(gradient.numel() for gradient in gradients), len(values)])
+        for gradient, part in zip(gradients, parts, strict=True):
+            gradient.copy_(part.view_as(gradient))
+        return dict(zip(losses, values.tolist(), strict=True))
 
     def _rate(self) -> float:
         config = self.config
@@ -98,10 +131,10 @@ class TranslatorTraining:
         cosine = 0.5 * (1 + math.cos(math.pi * self.step / config.steps))
         return config.learning_rate * warm * max(cosine, FINAL_RATE)
 
-    def _batch(self) -> tuple[Tensor, Tensor, list[Tensor], Tensor | None]:
+    def _batch(self, group: int = 0) -> tuple[Tensor, Tensor, list[Tensor], Tensor | None]:
         """Videos (V, K, 3, H, W), contexts (V, 3, H, W), each pairing's sources (V,), and the times (R,) of L_rec."""
         config = self.config
-        rng = generator(self.seed, "batch", self.step)
+        rng = generator(self.seed, "batch", self.step, *([group] if group else []))
         count, times = self._frames.shape[:2]
         chosen = rng.choice(count, min(config.videos, count), replace=False)
         moments = 1 + rng.choice(times - 1, min(config.frames, times - 1), replace=False)
@@ -156,6 +189,8 @@ def train(
 ) -> dict[str, list[float]]:
     """Train to the last step, from the checkpoint if the run resumes one.
 
+    Of several processes, the main one alone evaluates and keeps checkpoints and the curve.
+
     Args:
         evaluate: Maps the averaged network to held-out metrics.
 
@@ -172,6 +207,8 @@ def train(
     if (state := checkpoints.start()) is not None:
         training.restore(state["training"])
         curve, before = state["curve"], state["seconds"]
+    main = run.processes.main
+    run.processes.ready(training.step)
     held = {name: values[-1] for name, values in curve.items() if name.startswith("held_out/")}
 
     def spent() -> float:
@@ -186,25 +223,26 @@ def train(
         row = {**times, **{f"train/{name}": value for name, value in losses.items()}, **held}
         for name, value in row.items():
             curve.setdefault(name, []).append(value)
-        board.write(training.step, row)
+        if board is not None:
+            board.write(training.step, row)
 
     since = start = time.monotonic()
     first = training.step
     try:
         with (
-            TensorBoard(sibling(out, ".tensorboard"), training.step) as board,
+            TensorBoard(sibling(out, ".tensorboard"), training.step) if main else nullcontext() as board,
             run.progress.bar(f"train-translator ({config.arch})", config.steps, "steps") as bar,
         ):
-            if config.steps == 0:
+            if config.steps == 0 and main:
                 measure({})
             while training.step < config.steps:
                 training.align()
                 losses = training.train_step()
-                if training.step % config.evaluate_every == 0 or training.step == config.steps:
+                if main and (training.step % config.evaluate_every == 0 or training.step == config.steps):
                     measure(losses)
                 shown = {k: held[f"held_out/{k}"] for k in ("psnr", "copy_psnr", "ssim", "feature_ratio") if held}
                 bar.update(training.step, trans=losses["trans"], rec=losses["rec"], **shown)
-                if training.step % config.checkpoint_every == 0 and training.step < config.steps:
+                if main and training.step % config.checkpoint_every == 0 and training.step < config.steps:
                     checkpoints.save({"training": training.state(), "curve": curve, "seconds": spent()})
     except KeyboardInterrupt as error:
         raise checkpoints.interrupted(f"{training.step} of {config.steps} steps") from error

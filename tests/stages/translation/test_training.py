@@ -9,7 +9,7 @@ import torch
 from artifacts import pack, unpack
 from stages.configs import TranslatorConfig
 from stages.translation.evaluation import evaluate_translator
-from stages.translation.training import TranslatorTraining
+from stages.translation.training import GRADIENT_NORM, TranslatorTraining
 
 CONFIG = TranslatorConfig(steps=40, videos=4, frames=2)
 
@@ -93,6 +93,29 @@ def test_batches_follow_from_the_seed_alone():
     assert not (sources[0] == torch.arange(4)).any(), "no video is translated into its own context"
     again = TranslatorTraining(CONFIG, moving_squares(32), 3, "cpu")._batch()
     assert torch.equal(videos, again[0])
+
+
+def test_a_step_of_two_groups_has_the_mean_of_their_losses_and_gradients():
+    one, two = (
+        TranslatorTraining(dataclasses.replace(CONFIG, groups=groups), moving_squares(32), 3, "cpu")
+        for groups in (1, 2)
+    )
+    assert torch.equal(one._batch()[0], two._batch(0)[0]), "the first group is what there is without a second"
+    assert not torch.equal(two._batch(0)[0], two._batch(1)[0])
+    losses, gradients = [], []
+    for group in range(2):
+        one.optimiser.zero_grad()
+        losses.append(one._backward(group))
+        gradients.append([p.grad.clone() for p in one.model.parameters() if p.grad is not None])
+    got = two.train_step()
+    for name, value in got.items():
+        assert value == pytest.approx(np.mean([part[name] for part in losses]), rel=1e-6)
+    # Clipping has scaled what the step left there.
+    whole = [p.grad for p in two.model.parameters() if p.grad is not None]
+    mean = [(a + b) / 2 for a, b in zip(*gradients, strict=True)]
+    norm = torch.cat([g.flatten() for g in mean]).norm()
+    for a, b in zip(whole, mean, strict=True):
+        torch.testing.assert_close(a, b * min(1.0, GRADIENT_NORM / float(norm)), rtol=1e-4, atol=1e-6)
 
 
 def test_reconstructs_as_many_frames_as_asked_and_the_batch_stays_the_same():
