@@ -82,7 +82,7 @@ def main() -> None:
     env = batch_env(workers)
     try:
         reward: Any = env.reward
-        task, pool, model = env.task, reward._pool, reward._model
+        task, pool, model = env.task, reward._pool, reward._reward.model
         images = torch.rand(EPISODES, 3, *task.frame_size) * 2 - 1
         qpos = np.tile(task.context_state(env._contexts)[0][:, None], (1, 1, 1))
         a = torch.rand(GEMM, GEMM)
@@ -95,7 +95,7 @@ def main() -> None:
         clock = Clock()
         clock.wrap(pool, "render", "frames")
         clock.wrap(model, "encode", "features")
-        clock.wrap(reward._target, "image_error", "images")
+        clock.wrap(reward._reward.target, "image_error", "images")
         clock.wrap(env._simulation, "step", "physics")
         clock.wrap(learner.policy, "forward", "actions")
         clock.wrap(learner, "train", "update")

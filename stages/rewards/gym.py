@@ -16,7 +16,7 @@ from gymnasium.utils import RecordConstructorArgs
 
 from artifacts import Artifact, UsageError, read_artifact
 from stages.configs import DEFAULT_PRESET, PRESETS, RAMPS, REWARD_TERMS, PolicyConfig, defaults
-from stages.rewards.translation import FrameReward, TrackingTarget, time_weights
+from stages.rewards.translation import TrackingReward, TrackingTarget, time_weights
 from stages.run import pick_device
 from stages.translation.networks import load_translator
 
@@ -87,7 +87,7 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
         self._frame_every = _frame_every(source) if frame_every is None else frame_every
         if self._frame_every < 1:
             raise UsageError(f"frame_every={frame_every}: expected 1 or more steps between two frames")
-        self._reward = FrameReward(
+        self._reward = TrackingReward(
             load_translator(source.parent("translator", check=True), device),
             target,
             time_weights(_ramp(source, ramp or learning.ramp), self._frames),

@@ -25,9 +25,10 @@ import torch
 from torch import Tensor
 
 from artifacts import Artifact
+from stages.rewards.frames import FrameReward
 from stages.simulation.contexts import Contexts
 from stages.simulation.render import RenderPool
-from stages.simulation.task import State, Task
+from stages.simulation.task import Task
 from stages.translation.networks import Translator, to_images
 
 if TYPE_CHECKING:
@@ -128,7 +129,7 @@ def time_weights(ramp: str, frames: int) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class FrameReward:
+class TrackingReward:
     """The reward of single frames.
 
     Attributes:
@@ -165,12 +166,8 @@ class FrameReward:
         return {term: reward.double().cpu().numpy() for term, reward in rewards.items()}
 
 
-class BatchTranslationReward:
-    """Reward of n simulations in one fixed context; draws their frames and encodes them.
-
-    The reward is given at the control steps whose state a frame shows; the first frame precedes every action and
-    has none.
-    """
+class BatchTranslationReward(FrameReward):
+    """The reward of n simulations in one fixed context; draws their frames and encodes them."""
 
     def __init__(
         self,
@@ -190,37 +187,25 @@ class BatchTranslationReward:
         `ramp` "quadratic" weights frame j by j^2, scaled to a mean of one. With `tuning`, the features are those of
         its network, tuned on what the learner does.
         """
+        super().__init__(task, context, pool)
         self._tuning = tuning
-        self._task, self._pool = task, pool
-        self._fields = task.model_fields(context)
         features_of = model if tuning is None else tuning.model
         weights = time_weights(ramp, task.frames)
-        self._reward = FrameReward(features_of, target, weights, image_weight, without, device)
-        self._sums = {"feat": 0.0, "img": 0.0, "return": 0.0}
-        self._episodes = 0
+        self._reward = TrackingReward(features_of, target, weights, image_weight, without, device)
         self._ranked = float("nan")
 
-    def __call__(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
-        if step == 1:
-            self._episodes += 1
-        frame, between = divmod(step, self._task.frame_every)
-        if between or frame >= self._task.frames:
-            return np.zeros(len(state.qpos))
-        drawn = self._pool.render(self._fields, state.qpos[None])[0]
+    def judge(self, frame: int, drawn: np.ndarray) -> np.ndarray:
         if self._tuning is not None:
             self._tuning.see(frame, drawn)
         total = np.zeros(len(drawn))
         for term, values in self._reward(drawn, frame).items():
-            self._sums[term] += float(values.mean())
+            self.add(term, values)
             total += values
-        self._sums["return"] += float(total.mean())
         return total
 
     def terms(self) -> dict[str, float]:
-        means = {name: value / max(self._episodes, 1) for name, value in self._sums.items()}
-        self._sums, self._episodes = dict.fromkeys(self._sums, 0.0), 0
-        shown = {name: value for name, value in means.items() if name in ("return", *self._reward.terms)}
-        return shown if self._tuning is None else {**shown, "ranked": self._ranked}
+        means = super().terms()
+        return means if self._tuning is None else {**means, "ranked": self._ranked}
 
     def iterate(self) -> None:
         if self._tuning is not None:
@@ -232,6 +217,3 @@ class BatchTranslationReward:
     def restore(self, state: dict[str, Any]) -> None:
         if self._tuning is not None:
             self._tuning.restore(state)
-
-    def close(self) -> None:
-        self._pool.close()
