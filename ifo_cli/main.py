@@ -20,6 +20,7 @@ from ifo_cli import (
     inspect,
     learn_policy,
     report,
+    reproduce,
     train_expert,
     train_translator,
     translate,
@@ -62,6 +63,7 @@ _register("train-translator", train_translator.train_translator, train_translato
 _register("translate", translate.translate, translate.EXAMPLES, PRESET_NOTE)
 _register("learn-policy", learn_policy.learn_policy, learn_policy.EXAMPLES, PRESET_NOTE)
 _register("evaluate", evaluate.evaluate, evaluate.EXAMPLES, PRESET_NOTE)
+_register("reproduce", reproduce.reproduce, reproduce.EXAMPLES, reproduce.NOTE)
 _register("report", report.report, report.EXAMPLES)
 _register("inspect", inspect.inspect, inspect.EXAMPLES)
 _register("verify", verify.verify, verify.EXAMPLES)

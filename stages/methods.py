@@ -25,21 +25,32 @@ def describe_method(policy: Artifact) -> dict[str, Any]:
     else:
         described["translator"] = {name: translator.config.get(name) for name in TRANSLATOR}
         described["translator"]["minutes"] = float(translator["curve/seconds"].sum() / 60)
+        described["own_context"] = _own_context(translator)
     return {**described, "method": method_name(described)}
+
+
+def _own_context(translator: Artifact) -> bool:
+    """Whether its demonstrations were all filmed in one learner's context."""
+    try:
+        return translator.parent("demos").config.get("context_seed", -1) >= 0
+    except ArtifactError:
+        return False
 
 
 def method_name(run: dict[str, Any]) -> str:
     """A run's method: its reward; for the translation reward also what departs from it.
 
     `translation`, `random` (a translator that was not trained), `translation without trans` (losses of the translator
-    and terms of the reward that were switched off, in order), `translation, aligned`, `translation, negatives`.
+    and terms of the reward that were switched off, in order), `translation, aligned`, `translation, negatives`. Behind
+    all this, `own context` where the demonstrations are from the learner's.
     """
+    own = ", own context" * bool(run.get("own_context"))
     if run["reward"] != "translation":
-        return str(run["reward"])
+        return run["reward"] + own
     translator = run.get("translator") or {}
     if translator.get("steps") == 0:
-        return "random"
+        return "random" + own
     off = [*(translator.get("without") or ()), *(run.get("without") or ())]
     name = "translation" + (f" without {', '.join(off)}" if off else "")
     on = ["aligned"] * (translator.get("align") == "dtw") + ["negatives"] * bool(run.get("negatives"))
-    return ", ".join([name, *on])
+    return ", ".join([name, *on]) + own

@@ -3,6 +3,7 @@ import pytest
 from stages.methods import method_name
 
 RUNS = [
+    ({"reward": "gail", "own_context": True}, "gail, own context"),
     ({"reward": "oracle", "without": []}, "oracle"),
     ({"reward": "translation"}, "translation"),
     ({"reward": "translation", "translator": {"steps": 0, "without": []}}, "random"),

@@ -1,0 +1,172 @@
+"""reproduce: the paper's comparisons and ablations, as a Snakemake workflow over the commands that a user types."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from artifacts import ArtifactError, Interrupted, PlatformError, UsageError
+from artifacts.atomic import write_bytes
+from stages.progress import Progress
+from stages.reproduction.plan import Grid, Job, plan, wanted
+from stages.reproduction.times import longest_chain, memory, minutes
+from stages.run import StageResult
+
+SNAKEFILE = Path(__file__).parent / "reproduction" / "Snakefile"
+JOBS, LOCK, LOGS = "jobs.json", ".reproduce.lock", "logs"
+RETRIES = 1
+RUNTIME = 6  # times the estimate, at least half an hour: what a cluster is asked for
+MEGABYTE = 1 << 20
+
+
+@dataclass(frozen=True)
+class Execution:
+    """Where and how the jobs run.
+
+    Attributes:
+        executor: `local`, or a plugin of Snakemake's: `slurm`, `kubernetes`.
+        cores: Jobs at a time; each takes one core.
+        command: The command line, to say how to go on.
+    """
+
+    executor: str
+    cores: int
+    command: str
+
+
+def reproduce(grid: Grid, folder: Path, execution: Execution, progress: Progress) -> StageResult:
+    """Run what is not there yet of a grid, in `folder`.
+
+    A job that fails is tried once more and then left, with all that needs it; the others go on. Jobs that were killed
+    are begun again where their checkpoints stand.
+
+    Raises:
+        ArtifactError: Some of the runs failed; the message says which, and where their logs are.
+        Interrupted: By the keyboard.
+        PlatformError: Snakemake or its plugin is missing.
+        UsageError: Another process is at work in the folder.
+    """
+    _check(execution)
+    jobs = plan(grid)
+    folder.mkdir(parents=True, exist_ok=True)
+    with _alone(folder) as lock:
+        todo = missing(jobs, folder)
+        progress.say(described(todo, grid, execution.cores))
+        if todo:
+            write_bytes(folder / JOBS, json.dumps(_as_rules(jobs, grid.preset), indent=1).encode())
+            _run(folder, execution, lock)
+        left = missing(jobs, folder)
+    if left:
+        raise ArtifactError(_failed(left, wanted(jobs), folder))
+    return StageResult(folder, {"runs": len(wanted(jobs)), "jobs": len(jobs), "made": len(todo)})
+
+
+def missing(jobs: Sequence[Job], folder: Path) -> list[Job]:
+    """The jobs that are still needed: no file of theirs, and a wanted file is missing that was to be made from it."""
+    absent = [job for job in jobs if not (folder / job.output).exists()]
+    needed = {job.output for job in absent if job.stage == "evaluate"}
+    for job in reversed(absent):  # Jobs come after what they read.
+        if job.output in needed:
+            needed |= set(job.inputs)
+    return [job for job in absent if job.output in needed]
+
+
+def described(jobs: Sequence[Job], grid: Grid, cores: int) -> str:
+    """How many jobs, and how long they should take."""
+    if not jobs:
+        return "reproduce: everything is there"
+    counts = Counter(job.stage for job in jobs)
+    total = sum(minutes(job, grid.preset) for job in jobs)
+    wall = max(total / cores, longest_chain(list(jobs), grid.preset))
+    kinds = ", ".join(f"{count} {stage}" for stage, count in counts.items())
+    return f"reproduce: {len(jobs)} jobs ({kinds}), about {_hours(total)} of one core, {_hours(wall)} on {cores}"
+
+
+def _hours(spent: float) -> str:
+    return f"{spent / 60:.1f} hours" if spent >= 90 else f"{spent:.0f} minutes"
+
+
+def _as_rules(jobs: Sequence[Job], preset: str) -> list[dict[str, Any]]:
+    last = set(wanted(jobs))
+    return [
+        {
+            "name": job.name,
+            "inputs": job.inputs,
+            "output": job.output,
+            "command": job.command,
+            "memory": memory(job),
+            "runtime": max(30, round(RUNTIME * minutes(job, preset))),
+            "wanted": job in last,
+        }
+        for job in jobs
+    ]
+
+
+def _check(execution: Execution) -> None:
+    if find_spec("snakemake") is None:
+        raise PlatformError("ifo reproduce needs Snakemake: pip install 'ifo[reproduce]'")
+    if execution.executor != "local" and find_spec(f"snakemake_executor_plugin_{execution.executor}") is None:
+        raise PlatformError(
+            f"--executor {execution.executor} needs Snakemake's plugin: "
+            f"pip install snakemake-executor-plugin-{execution.executor}"
+        )
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[int]:
+    """Hold the folder's lock, which ends with the last process that has it: Snakemake's own outlives a kill."""
+    descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise UsageError(f"another `ifo reproduce` is at work in {folder}: wait, or choose another --out") from None
+        yield descriptor
+    finally:
+        os.close(descriptor)
+
+
+def _run(folder: Path, execution: Execution, lock: int) -> None:
+    """Have Snakemake run the jobs; its messages go to standard error."""
+    here = execution.executor == "local"
+    words = [sys.executable, "-m", "snakemake", "--snakefile", str(SNAKEFILE), "--config", f"jobs={JOBS}"]
+    words += ["--executor", execution.executor, "--cores" if here else "--jobs", str(execution.cores)]
+    # The Snakefile ignores dates; this, that the code or the machine has changed.
+    words += ["--rerun-triggers", "params", "--rerun-incomplete", "--nolock", "--keep-going"]
+    words += ["--retries", str(RETRIES), "--quiet", "rules", "host", "reason"]
+    if here:
+        words += ["--resources", f"mem_mb={os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') // MEGABYTE}"]
+    (folder / LOGS).mkdir(exist_ok=True)
+    process = subprocess.Popen(words, cwd=folder, stdout=sys.stderr, stdin=subprocess.DEVNULL, pass_fds=[lock])
+    try:
+        process.wait()
+    except KeyboardInterrupt as error:
+        # The terminal has told Snakemake and its jobs as well; who was told alone tells them.
+        process.send_signal(signal.SIGINT)
+        process.wait()
+        raise Interrupted(f"interrupted; what was done is in {folder}; continue with: {execution.command}") from error
+
+
+def _failed(left: Sequence[Job], runs: Sequence[Job], folder: Path) -> str:
+    """One line: how many runs are missing, and the last words of the jobs that failed."""
+    gone = {job.output for job in left}
+    first = [job for job in left if not gone & set(job.inputs)]
+    lost = sum(job.output in gone for job in runs)
+    reasons = []
+    for job in first[:3]:
+        log = folder / LOGS / f"{job.name}.log"
+        lines = log.read_text(errors="replace").strip().splitlines() if log.exists() else []
+        reasons.append(f"{log} ({lines[-1].removeprefix('ifo: ')})" if lines else f"{job.output} (it left no log)")
+    more = f" and {len(first) - 3} more" if len(first) > 3 else ""
+    return f"{lost} of {len(runs)} runs are missing; see {', '.join(reasons)}{more}; the same command tries again"

@@ -1,0 +1,181 @@
+"""The grid's jobs, and what becomes of them when they fail, are killed, or lie there already."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+import stages.reproduce
+from artifacts import ArtifactError, PlatformError
+from stages.configs import TASKS
+from stages.progress import Progress
+from stages.reproduce import Execution, missing, reproduce
+from stages.reproduction.plan import ABLATED, COMPARED, METHODS, Grid, Job, plan, wanted
+from stages.reproduction.times import longest_chain, minutes
+
+ROOT = Path(__file__).parents[2]
+LOCAL = Execution("local", 2, "ifo reproduce")
+
+
+@pytest.mark.parametrize("grid", [Grid(), Grid(("reach",), tuple(METHODS), 2, "toy")])
+def test_jobs_come_after_what_they_read(grid):
+    made = set()
+    for job in plan(grid):
+        assert made >= set(job.inputs)
+        assert job.output not in made
+        made.add(job.output)
+    names = [job.name for job in plan(grid)]
+    assert len(set(names)) == len(names) and all(name.isidentifier() for name in names)
+
+
+def test_by_default_it_is_the_papers_grid():
+    runs = [job.output for job in wanted(plan(Grid(contexts=2)))]
+    expected = [f"{task}-{name}-c{seed}" for task in TASKS for name in COMPARED for seed in range(2)]
+    expected += [f"{task}-{name}-c{seed}" for task, names in ABLATED.items() for name in names for seed in range(2)]
+    assert sorted(runs) == sorted(f"{name}.evaluation.h5" for name in expected)
+
+
+def test_runs_share_what_they_can():
+    jobs = plan(Grid(("reach",), ("translation", "without-feat", "no-blur", "oracle", "gail"), 3))
+    trained = [job.output for job in jobs if job.stage == "train-translator"]
+    assert sorted(trained) == ["reach-blank.translator.h5", "reach-whole.translator.h5"]
+    assert sum(job.stage == "collect-demos" for job in jobs) == 1
+    assert sum(job.stage == "translate" for job in jobs) == 6
+
+
+def test_estimates_add_up():
+    jobs = plan(Grid(("reach", "push"), contexts=3))
+    times = {job.output: minutes(job, "quick") for job in jobs}
+    assert all(value > 0 for value in times.values())
+    assert times["reach-whole.translator.h5"] > 5 > times["reach-blank.translator.h5"]
+    assert times["reach-gail-c0.policy.h5"] > times["reach-oracle-c0.policy.h5"]
+    assert max(times.values()) < longest_chain(jobs, "quick") < sum(times.values())
+
+
+def test_only_what_is_still_needed_is_made(tmp_path):
+    jobs = plan(Grid(("reach",), ("translation",), 2))
+    assert missing(jobs, tmp_path) == jobs
+    for name in ("reach-translation-c0.evaluation.h5", "reach-whole.translator.h5"):
+        (tmp_path / name).touch()
+    # Its demonstrations may have been deleted to save room.
+    assert [job.output for job in missing(jobs, tmp_path)] == [
+        "reach-whole-c1.translation.h5",
+        "reach-translation-c1.policy.h5",
+        "reach-translation-c1.evaluation.h5",
+    ]
+
+
+@dataclass(frozen=True)
+class ShellJob(Job):
+    """A job that runs a line of shell."""
+
+    shell: str = ""
+
+    @property
+    def command(self) -> str:
+        return f"bash -c {self.shell!r}"
+
+
+def shell_job(name: str, shell: str, *inputs: str) -> ShellJob:
+    stage = "evaluate" if "evaluation" in name else "learn-policy"
+    return ShellJob(stage, "reach", (), inputs, name, shell=f"echo x >> {name}.count; {shell}; echo done > {name}")
+
+
+@pytest.fixture
+def run(monkeypatch, tmp_path, capfd):
+    """A function that runs jobs in place of the grid's, and returns how often each was started."""
+
+    def call(*jobs: ShellJob) -> dict[str, int]:
+        monkeypatch.setattr(stages.reproduce, "plan", lambda grid: list(jobs))
+        try:
+            reproduce(Grid(preset="toy"), tmp_path, LOCAL, Progress(quiet=True))
+        finally:
+            capfd.readouterr()
+        return {path.stem: len(path.read_text().split()) for path in tmp_path.glob("*.count")}
+
+    return call
+
+
+def test_what_fails_is_tried_twice_and_does_not_stop_the_others(run, tmp_path):
+    jobs = [
+        shell_job("bad.policy.h5", "echo ifo: no luck; exit 3"),
+        shell_job("bad.evaluation.h5", "true", "bad.policy.h5"),
+        shell_job("good.policy.h5", "true"),
+        shell_job("good.evaluation.h5", "true", "good.policy.h5"),
+    ]
+    with pytest.raises(ArtifactError) as caught:
+        run(*jobs)
+    assert "1 of 2 runs are missing" in str(caught.value)
+    assert "logs/bad_policy.log (no luck)" in str(caught.value) and "\n" not in str(caught.value)
+    assert (tmp_path / "good.evaluation.h5").exists()
+    assert (tmp_path / "bad.policy.h5.count").read_text().split() == ["x", "x"]
+    mended = [shell_job("bad.policy.h5", "true"), *jobs[1:]]
+    counts = run(*mended)
+    assert counts["bad.policy.h5"] == 3
+    assert counts["good.policy.h5"] == counts["good.evaluation.h5"] == 1
+
+
+def test_files_of_another_machine_count_whatever_their_dates(run, tmp_path):
+    jobs = [shell_job("a.policy.h5", "true"), shell_job("a.evaluation.h5", "true", "a.policy.h5")]
+    for name, age in (("a.policy.h5", 0), ("a.evaluation.h5", 1000)):
+        (tmp_path / name).write_text("copied")
+        os.utime(tmp_path / name, (time.time() - age,) * 2)
+    more = [shell_job("b.evaluation.h5", "true", "a.policy.h5")]
+    assert run(*jobs, *more) == {"b.evaluation.h5": 1}
+
+
+KILLED = """
+import sys
+sys.path.insert(0, {tests!r})
+from pathlib import Path
+import stages.reproduce
+from stages.progress import Progress
+from stages.reproduction.plan import Grid
+from test_reproduce import LOCAL, shell_job
+jobs = [
+    shell_job("a.policy.h5", "true"),
+    shell_job("a.evaluation.h5", "test -e go || {{ touch begun; sleep 60; }}", "a.policy.h5"),
+]
+stages.reproduce.plan = lambda grid: jobs
+stages.reproduce.reproduce(Grid(preset="toy"), Path({folder!r}), LOCAL, Progress(quiet=True))
+"""
+
+
+def test_killed_and_begun_again_it_repeats_at_most_what_was_running(tmp_path):
+    script = KILLED.format(tests=str(Path(__file__).parent), folder=str(tmp_path))
+    command = [sys.executable, "-c", script]
+    quiet = {"cwd": ROOT, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    first = subprocess.Popen(command, start_new_session=True, **quiet)
+    while not (tmp_path / "begun").exists():
+        assert first.poll() is None
+        time.sleep(0.1)
+    again = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert "another `ifo reproduce` is at work" in again.stderr
+    os.killpg(first.pid, signal.SIGKILL)
+    first.wait()
+    (tmp_path / "go").touch()
+    subprocess.run(command, check=True, timeout=60, **quiet)
+    assert (tmp_path / "a.evaluation.h5").exists()
+    assert len((tmp_path / "a.policy.h5.count").read_text().split()) == 1
+    assert len((tmp_path / "a.evaluation.h5.count").read_text().split()) == 2
+
+
+def test_missing_engines_are_named(tmp_path, monkeypatch):
+    with pytest.raises(PlatformError, match="pip install snakemake-executor-plugin-slurm"):
+        reproduce(Grid(), tmp_path, Execution("slurm", 2, ""), Progress(quiet=True))
+    monkeypatch.setattr(stages.reproduce, "find_spec", lambda name: None)
+    with pytest.raises(PlatformError, match=r"ifo\[reproduce\]"):
+        reproduce(Grid(), tmp_path, LOCAL, Progress(quiet=True))
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_plan_survives_json():
+    jobs = plan(Grid(("reach",), contexts=1))
+    rules = json.loads(json.dumps(stages.reproduce._as_rules(jobs, "quick")))
+    assert sum(rule["wanted"] for rule in rules) == len(wanted(jobs))
