@@ -1,4 +1,4 @@
-"""How long jobs will take, from what benchmarks measured on one core (2.x GHz, AVX2) and the numbers in a preset."""
+"""How long jobs will take, from what benchmarks measured on one core with AVX2, and a preset's numbers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TRANSLATE = 25.0  # seconds, quality of the reward included
 LEARNER_SAMPLES = 3_300  # a second, frames drawn and encoded (benchmarks/learn_cost.py)
 ORACLE_SAMPLES = 7_000
 DISCRIMINATOR_STEPS = 14.0  # a second
-PRETRAINED_FRAMES = 87.0  # a second, of 96x96 pixels
+PRETRAINED_FRAMES = 310.0  # a second, of 64x64 pixels, up to the last layer
 EVALUATE = 15.0  # seconds
 START = 4.0  # seconds until a command has imported what it needs
 SAMPLES_AN_EPISODE, FRAMES_AN_EPISODE = 50, 24

@@ -21,7 +21,7 @@ from artifacts import PlatformError, UsageError
 
 EXTRA = "pip install 'ifo[pretrained]'"
 LITE_LAYERS = {"block2": 2, "block4": 4, "block7": 7, "block10": 10, "block15": 15}
-LITE_SIZE = 96  # pixels that frames are drawn up to: 87 images/s on a core, 11 at the 224 that it was trained at
+LITE_SIZE = 64  # pixels: 310 images/s on a core; 96 makes it 120, and says as much (results/LOG.md)
 INCEPTION_LAYERS = ("Conv2d_4a_3x3", "Mixed_5d", "Mixed_6a", "Mixed_6e", "Mixed_7c")
 INCEPTION_SIZE = 299
 # What torch's reader of tensors raises on files that are none.
