@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import fcntl
 import json
 import os
@@ -10,7 +11,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -28,6 +29,7 @@ JOBS, LOCK, LOGS = "jobs.json", ".reproduce.lock", "logs"
 RETRIES = 1
 RUNTIME = 6  # times the estimate, at least half an hour: what a cluster is asked for
 MEGABYTE = 1 << 20
+PR_SET_PDEATHSIG = 1  # of <linux/prctl.h>
 
 
 @dataclass(frozen=True)
@@ -148,14 +150,31 @@ def _run(folder: Path, execution: Execution, lock: int) -> None:
     if here:
         words += ["--resources", f"mem_mb={os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') // MEGABYTE}"]
     (folder / LOGS).mkdir(exist_ok=True)
-    process = subprocess.Popen(words, cwd=folder, stdout=sys.stderr, stdin=subprocess.DEVNULL, pass_fds=[lock])
+    # In a group of its own, so that an interrupt reaches it and its jobs once, from here alone.
+    process = subprocess.Popen(
+        words,
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        stdout=sys.stderr,
+        pass_fds=[lock],
+        process_group=0,
+        preexec_fn=_die_with_parent,
+    )
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         process.wait()
     except KeyboardInterrupt as error:
-        # The terminal has told Snakemake and its jobs as well; who was told alone tells them.
-        process.send_signal(signal.SIGINT)
+        os.killpg(process.pid, signal.SIGINT)
         process.wait()
         raise Interrupted(f"interrupted; what was done is in {folder}; continue with: {execution.command}") from error
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _die_with_parent() -> None:
+    """Ask Linux to end this process when its parent is killed: nobody would tell it any more."""
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _failed(left: Sequence[Job], runs: Sequence[Job], folder: Path) -> str:

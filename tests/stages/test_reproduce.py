@@ -130,37 +130,71 @@ def test_files_of_another_machine_count_whatever_their_dates(run, tmp_path):
     assert run(*jobs, *more) == {"b.evaluation.h5": 1}
 
 
-KILLED = """
+SCRIPT = """
 import sys
 sys.path.insert(0, {tests!r})
 from pathlib import Path
 import stages.reproduce
 from stages.progress import Progress
 from stages.reproduction.plan import Grid
-from test_reproduce import LOCAL, shell_job
+from artifacts import IfoError
+from test_reproduce import LOCAL, WAITING, shell_job
 jobs = [
     shell_job("a.policy.h5", "true"),
-    shell_job("a.evaluation.h5", "test -e go || {{ touch begun; sleep 60; }}", "a.policy.h5"),
+    shell_job("a.evaluation.h5", WAITING, "a.policy.h5"),
 ]
 stages.reproduce.plan = lambda grid: jobs
-stages.reproduce.reproduce(Grid(preset="toy"), Path({folder!r}), LOCAL, Progress(quiet=True))
+try:
+    stages.reproduce.reproduce(Grid(preset="toy"), Path({folder!r}), LOCAL, Progress(quiet=True))
+except IfoError as error:
+    print(type(error).__name__, error)
 """
+WAITING = "trap 'echo told >> signals; exit 130' INT; test -e go || { touch begun; sleep 60 & wait; }"
 
 
-def test_killed_and_begun_again_it_repeats_at_most_what_was_running(tmp_path):
-    script = KILLED.format(tests=str(Path(__file__).parent), folder=str(tmp_path))
-    command = [sys.executable, "-c", script]
-    quiet = {"cwd": ROOT, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    first = subprocess.Popen(command, start_new_session=True, **quiet)
-    while not (tmp_path / "begun").exists():
-        assert first.poll() is None
-        time.sleep(0.1)
-    again = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
-    assert "another `ifo reproduce` is at work" in again.stderr
+@pytest.fixture
+def begin(tmp_path):
+    """A function that starts the script, by itself, and returns it once its last job runs."""
+    content = SCRIPT.format(tests=str(Path(__file__).parent), folder=str(tmp_path))
+    command = [sys.executable, "-c", content]
+
+    def start(wait: bool = True) -> subprocess.Popen:
+        process = subprocess.Popen(
+            command,
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            start_new_session=True,
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        )
+        while wait and not (tmp_path / "begun").exists():
+            assert process.poll() is None
+            time.sleep(0.1)
+        return process
+
+    return start
+
+
+def test_an_interrupt_reaches_the_jobs_once_and_says_how_to_go_on(begin, tmp_path):
+    for tell in (os.killpg, os.kill):  # as a terminal does, and as `kill` does
+        process = begin()
+        tell(process.pid, signal.SIGINT)
+        said, _ = process.communicate(timeout=30)
+        assert "Interrupted" in said and "continue with: ifo reproduce" in said
+        assert (tmp_path / "signals").read_text().split() == ["told"]
+        (tmp_path / "signals").unlink()
+        (tmp_path / "begun").unlink()
+
+
+def test_killed_and_begun_again_it_repeats_at_most_what_was_running(begin, tmp_path):
+    first = begin()
+    said, _ = begin(wait=False).communicate(timeout=60)
+    assert "another `ifo reproduce` is at work" in said
     os.killpg(first.pid, signal.SIGKILL)
     first.wait()
     (tmp_path / "go").touch()
-    subprocess.run(command, check=True, timeout=60, **quiet)
+    assert begin(wait=False).wait(timeout=60) == 0
     assert (tmp_path / "a.evaluation.h5").exists()
     assert len((tmp_path / "a.policy.h5.count").read_text().split()) == 1
     assert len((tmp_path / "a.evaluation.h5.count").read_text().split()) == 2
