@@ -43,9 +43,10 @@ class Variant:
 PLAN = {
     "jitter": Variant(("reach",), collect=("--jitter", 0.4)),
     "jitter-dtw": Variant(("reach",), collect=("--jitter", 0.4), train=("--align", "dtw")),
-    "no-blur": Variant(("reach", "push"), learn=("--blur", 0)),
-    "negatives": Variant(("reach", "push"), learn=("--negatives", 5)),
+    "no-blur": Variant(("strike",), learn=("--blur", 0)),
+    "negatives": Variant(("strike",), learn=("--negatives", 5)),
 }
+TASKS = ("reach", "strike")
 
 
 def demonstrations(task: str, name: str) -> Path:
@@ -91,22 +92,25 @@ def main() -> None:
         list(pool.map(lambda cell: translator(*cell), cells))
         jobs = [(task, name, seed) for task, name in cells for seed in CONTEXTS]
         list(pool.map(lambda job: learn(*job), jobs))
-    table: list[dict[str, object]] = []
-    for task in dict.fromkeys(task for variant in PLAN.values() for task in variant.tasks):
-        for name in ("plain", *PLAN):
-            start = RUNS / task if name == "plain" else VARIANTS / f"{task}-{name}"
-            mine = [Path(f"{start}-c{seed}.policy.h5") for seed in CONTEXTS]
-            if not all(policy.exists() for policy in mine):
-                continue
-            evaluation = VARIANTS / f"{task}-{name}.evaluation.h5"
-            evaluation.unlink(missing_ok=True)
-            ifo("evaluate", *mine, out=evaluation)
-            trained = read_artifact(mine[0], "policy").parent("translation").parent("translator")
-            for row in rows(task, "translation", evaluation, minutes(trained)):
-                # What `ifo translate` said of the reward, it said of the one without these options.
-                other = name in PLAN and PLAN[name].learn
-                kept = {key: value for key, value in row.items() if not (other and key.startswith("tau_"))}
-                table.append({**kept, "method": name})
+    with (HERE / "paper.csv").open(newline="") as file:
+        table: list[dict[str, object]] = [
+            {**row, "method": "plain"}
+            for row in csv.DictReader(file)
+            if row["task"] in TASKS and row["method"] == "translation" and int(row["context_seed"]) in CONTEXTS
+        ]
+    for task, name in ((task, name) for task in TASKS for name in PLAN):
+        policies = [VARIANTS / f"{task}-{name}-c{seed}.policy.h5" for seed in CONTEXTS]
+        if not all(policy.exists() for policy in policies):
+            continue
+        evaluation = VARIANTS / f"{task}-{name}.evaluation.h5"
+        evaluation.unlink(missing_ok=True)
+        ifo("evaluate", *policies, out=evaluation)
+        trained = read_artifact(policies[0], "policy").parent("translation").parent("translator")
+        for row in rows(task, "translation", evaluation, minutes(trained)):
+            # What `ifo translate` said of the reward, it said of the one without these options.
+            kept = {key: value for key, value in row.items() if not (PLAN[name].learn and key.startswith("tau_"))}
+            table.append({**kept, "method": name})
+    table.sort(key=lambda row: TASKS.index(str(row["task"])))
     with (HERE / "variants.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, COLUMNS)
         writer.writeheader()
