@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 from plan import HERE, NAMES, PLANS, PROXIES, RUNS, SHOWN
 from scipy.stats import spearmanr
@@ -126,6 +128,43 @@ def grid(task: str) -> None:
         write_mp4(HERE / "videos" / f"paper-{task}.mp4", tile_videos(found, labels=labels), fps=10)
 
 
+def cost() -> list[str]:
+    """What benchmarks measured of cost: a learning run and a training of a translator, by part, beside the limits."""
+    lines = (HERE / "benchmarks.jsonl").read_text().splitlines()
+    found = {line["benchmark"]: line for line in map(json.loads, lines)}
+    text = []
+    if (run := found.get("learn_cost")) is not None:
+        text.append(
+            f"- A learning run of reach, 100 iterations of 12,500 samples on {run['workers']} cores: "
+            f"{run['minutes_of_100_iterations']} minutes. Seconds an iteration: {_parts(run['seconds_an_iteration'])}. "
+            f"{run['frames_per_s']:,} frames/s of the {run['limit_frames_per_s']:,} that drawing alone reaches; the "
+            f"encoder runs at {run['encoder_gflops']:.0f} of a large matrix product's {run['limit_gemm_gflops']:.0f} "
+            "GFLOP/s."
+        )
+    if (run := found.get("translator_cost")) is not None:
+        text.append(
+            f"- A translator, {run['steps']:,} steps on {run['threads']} core: {run['minutes']} minutes on an idle "
+            f"machine. Milliseconds a step: {_parts(run['ms_a_step'])}. {run['gflops']:.0f} of a large matrix "
+            f"product's {run['limit_gemm_gflops']:.0f} GFLOP/s."
+        )
+    if (run := found.get("translator_learning")) is not None:
+        text.append(
+            f"- The compact translator against the paper's network with the paper's optimiser, at equal CPU minutes "
+            f"({', '.join(map(str, run['minutes']))}): {_listed(run['compact_psnr'])} dB against "
+            f"{_listed(run['paper_psnr'])} dB held out, {run['gain_db']:+.1f} dB at the end (copying the context: "
+            f"{run['copy_psnr']} dB; {run['compact_steps']:,} steps against {run['paper_steps']:,})."
+        )
+    return text
+
+
+def _parts(parts: dict[str, float]) -> str:
+    return ", ".join(f"{name} {value:g}" for name, value in parts.items())
+
+
+def _listed(values: list[float]) -> str:
+    return ", ".join(f"{value:.1f}" for value in values)
+
+
 def report(table: list[dict[str, object]], translators: list[dict[str, object]]) -> None:
     """Write paper.md."""
     text = [
@@ -154,6 +193,12 @@ def report(table: list[dict[str, object]], translators: list[dict[str, object]])
         "Videos: a single translation, the mean of 200, and the truth, in four contexts:",
         "",
         *[f"- [{row['task']}](videos/paper-{row['task']}.mp4)" for row in translators],
+        "",
+        "## Cost",
+        "",
+        "By the scripts in benchmarks/, whose output is benchmarks.jsonl:",
+        "",
+        *cost(),
         "",
         "## Does the proxy predict the outcome?",
         "",
