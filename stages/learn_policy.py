@@ -38,19 +38,7 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     from stages.threads import use_threads
     from stages.translate import load_translation
 
-    if config.without and config.reward not in ("translation", "video"):
-        raise UsageError(
-            f"--without {config.without[0]}: expected --reward translation or video, which has such a term"
-        )
-    if set(config.without) >= set(REWARD_TERMS):
-        raise UsageError("--without feat --without img leaves no reward to learn from: keep one of the two")
-    if config.negatives and (config.reward != "translation" or "feat" in config.without):
-        raise UsageError("--negatives tunes the features of --reward translation: use it with them, or leave it out")
-    if config.negatives and (config.patience or config.learner == "sac"):
-        raise UsageError(
-            "--negatives changes the reward on the way: --patience would take it for a flat one, and --learner sac "
-            "keeps old rewards; leave one of the two out"
-        )
+    _check(config)
     choose_backend()
     source = load_translation(translation)
     task = make_task(source.config["task"])
@@ -98,6 +86,28 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
         "video": str(sibling(out, ".mp4")),
     }
     return StageResult(out, summary)
+
+
+def _check(config: PolicyConfig) -> None:
+    """Refuse options that do not go together.
+
+    Raises:
+        UsageError: Some do not.
+    """
+    if config.without and config.reward not in ("translation", "video"):
+        raise UsageError(
+            f"--without {config.without[0]}: expected --reward translation or video, which has such a term"
+        )
+    if set(config.without) >= set(REWARD_TERMS):
+        raise UsageError("--without feat --without img leaves no reward to learn from: keep one of the two")
+    if config.negatives and (config.reward != "translation" or "feat" in config.without):
+        raise UsageError("--negatives tunes the features of --reward translation: use it with them, or leave it out")
+    learns = "--negatives" if config.negatives else f"--reward {config.reward}"
+    if (config.negatives or config.reward in ("gail", "tpil")) and (config.patience or config.learner == "sac"):
+        raise UsageError(
+            f"{learns} changes the reward on the way: --patience would take it for a flat one, and --learner sac "
+            "keeps old rewards; leave one of the two out"
+        )
 
 
 def _finite(metrics: dict[str, np.ndarray]) -> dict[str, float]:

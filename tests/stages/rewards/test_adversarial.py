@@ -4,9 +4,13 @@ import numpy as np
 import pytest
 import torch
 
-from artifacts import pack, unpack
+from artifacts import UsageError, pack, unpack
+from stages.configs import PolicyConfig
+from stages.learn_policy import learn_policy
+from stages.progress import Progress
 from stages.rewards.adversarial import CLIP, GailReward, Schedule, TpilReward
 from stages.rewards.discriminators import GailDiscriminator, TpilDiscriminator
+from stages.run import RunOptions
 
 SCHEDULE = Schedule(steps=30, rate=1e-3)
 
@@ -92,3 +96,16 @@ def test_the_encoder_has_the_size_of_the_translators():
     ours = size(GailDiscriminator((48, 48)).encoder)
     translator = CompactTranslator((48, 48))
     assert ours >= sum(size(part) for part in (translator.fine, translator.coarse, translator.head))
+
+
+@pytest.mark.parametrize("option", [{"patience": 5}, {"learner": "sac"}])
+def test_what_takes_the_reward_for_unchanging_is_refused(option, tmp_path):
+    config = PolicyConfig(reward="tpil", **option)
+    with pytest.raises(UsageError, match="--reward tpil changes the reward"):
+        learn_policy(config, RunOptions(progress=Progress(quiet=True)), tmp_path / "none.translation.h5")
+
+
+def test_terms_that_a_reward_lacks_cannot_be_switched_off(tmp_path):
+    config = PolicyConfig(reward="gail", without=("feat",))
+    with pytest.raises(UsageError, match="--without feat"):
+        learn_policy(config, RunOptions(progress=Progress(quiet=True)), tmp_path / "none.translation.h5")
