@@ -150,20 +150,22 @@ class KindSpec:
     Attributes:
       version: the schema version that is written, and the newest that is read.
       datasets: required datasets; a name ending in `/*` means at least one under it.
+      optional: datasets that may be missing.
     """
 
     version: int = 1
     datasets: Mapping[str, DatasetSpec] = field(default_factory=dict)
+    optional: Mapping[str, DatasetSpec] = field(default_factory=dict)
 
     def problem(self, found: Mapping[str, tuple[tuple[int, ...], np.dtype]]) -> str | None:
         """Say in words what is missing or of another shape among name -> (shape, dtype), or None."""
         lengths: dict[str, int] = {}
-        for wanted, spec in self.datasets.items():
+        for wanted, spec in {**self.datasets, **self.optional}.items():
             if wanted.endswith("/*"):
                 names = [name for name in found if name.startswith(wanted[:-1])]
             else:
                 names = [wanted] if wanted in found else []
-            if not names:
+            if not names and wanted in self.datasets:
                 return f"dataset {wanted} is missing, expected {spec}"
             for name in names:
                 problem = spec.problem(*found[name], lengths)
@@ -178,10 +180,9 @@ KINDS: dict[str, KindSpec] = {
     "expert": KindSpec(1, _WEIGHTS),
     "demos": KindSpec(
         1,
-        {
-            "frames": DatasetSpec(("N", "T", "H", "W", 3), ("uint8",)),
-            "final_distance": DatasetSpec(("N",), ("f",)),
-        },
+        {"frames": DatasetSpec(("N", "T", "H", "W", 3), ("uint8",))},
+        # Simulated ones have distances, imported ones the time stamps of their frames.
+        {"final_distance": DatasetSpec(("N",), ("f",)), "times": DatasetSpec(("N", "T"), ("f",))},
     ),
     "translator": KindSpec(1, _WEIGHTS),
     "translation": KindSpec(

@@ -120,6 +120,7 @@ def test_odd_but_legal_manifests(tmp_path):
         ("demos", {"frames": np.zeros((4, 5, 8, 10, 3))}, "frames is float64, expected uint8"),
         ("demos", {"frames": np.zeros((4, 5, 8, 3), np.uint8)}, "has shape (4, 5, 8, 3)"),
         ("demos", {"frames": np.zeros((4, 5, 8, 10, 4), np.uint8)}, "has shape (4, 5, 8, 10, 4)"),
+        ("demos", {"times": np.zeros((4, 3))}, "with T = 5"),
         ("demos", {"final_distance": np.zeros(3)}, "with N = 4"),
         ("demos", {"a//b": np.zeros(3)}, "not usable"),
         ("demos", {"../b": np.zeros(3)}, "not usable"),
