@@ -16,7 +16,16 @@ if TYPE_CHECKING:
     from artifacts.schema import COMMANDS, KINDS, DatasetSpec, KindSpec, Manifest, Parent
     from artifacts.store import Artifact, VerifyReport, read_artifact, verify_artifact, write_artifact
     from artifacts.tree import pack, unpack
-    from artifacts.video import contact_sheet, read_mp4, read_png, tile_videos, write_mp4, write_png
+    from artifacts.video import (
+        caption,
+        contact_sheet,
+        read_mp4,
+        read_png,
+        tile_videos,
+        write_mp4,
+        write_overview,
+        write_png,
+    )
 
 _MODULE_OF = {
     name: module
@@ -28,7 +37,16 @@ _MODULE_OF = {
         "paths": ("default_path", "sha256_of", "sibling", "stem_of"),
         "store": ("Artifact", "VerifyReport", "read_artifact", "verify_artifact", "write_artifact"),
         "tree": ("pack", "unpack"),
-        "video": ("contact_sheet", "read_mp4", "read_png", "tile_videos", "write_mp4", "write_png"),
+        "video": (
+            "caption",
+            "contact_sheet",
+            "read_mp4",
+            "read_png",
+            "tile_videos",
+            "write_mp4",
+            "write_overview",
+            "write_png",
+        ),
     }.items()
     for name in names
 }
@@ -49,6 +67,7 @@ __all__ = [
     "UsageError",
     "VerifyReport",
     "ancestors",
+    "caption",
     "checkpoint_path",
     "contact_sheet",
     "default_path",
@@ -67,6 +86,7 @@ __all__ = [
     "write_artifact",
     "write_checkpoint",
     "write_mp4",
+    "write_overview",
     "write_png",
 ]
 

@@ -11,8 +11,12 @@ import numpy as np
 
 from artifacts.atomic import atomic_path, write_bytes
 from artifacts.errors import ArtifactError
+from artifacts.paths import sibling
 
 CRF = 12  # x264's constant rate factor: hard to tell from the original
+MIN_HEIGHT = 192  # pixels that a video is enlarged to
+LARGE = 128  # pixels of a frame's height that is shown as it is
+GRID_WIDTH = 1536  # pixels of an overview's MP4, at most
 BACKGROUND = 255
 INK = (0, 0, 0)
 
@@ -22,7 +26,7 @@ def upscale(frames: np.ndarray, factor: int) -> np.ndarray:
     return frames if factor == 1 else frames.repeat(factor, axis=-3).repeat(factor, axis=-2)
 
 
-def write_mp4(path: str | Path, frames: np.ndarray, fps: float = 10, min_height: int = 192) -> Path:
+def write_mp4(path: str | Path, frames: np.ndarray, fps: float = 10, min_height: int = MIN_HEIGHT) -> Path:
     """Write (T, H, W, 3) uint8 as H.264, yuv420p, faststart, whole or not at all.
 
     Frames are upscaled by a whole number until `min_height` pixels high, and padded to even
@@ -133,7 +137,7 @@ def tile_videos(
     length = max(len(video) for row in cells for video in row)
     heights = [scale * max((video.shape[1] for video in row), default=0) for row in cells]
     widths = [scale * max(row[i].shape[2] for row in cells if i < len(row)) for i in range(columns)]
-    header = _header(labels, widths, gap) if labels is not None else None
+    header = caption(labels, widths, gap) if labels is not None else None
     top = 0 if header is None else header.shape[0] + gap
     height = top + sum(heights) + gap * (len(cells) - 1)
     canvas = np.full((length, height, sum(widths) + gap * (columns - 1), 3), BACKGROUND, np.uint8)
@@ -165,7 +169,28 @@ def contact_sheet(frames: np.ndarray, n: int = 20, moments: int = 5) -> np.ndarr
     columns = max(1, round(math.sqrt(len(strips) / moments)))
     depth = math.ceil(len(strips) / columns)
     rows: list[list[np.ndarray]] = [[cell for strip in strips[i::depth] for cell in strip] for i in range(depth)]
-    return tile_videos(rows, scale=2)[0]
+    return tile_videos(rows, scale=2 if frames.shape[2] <= LARGE else 1)[0]
+
+
+def write_overview(artifact: str | Path, videos: np.ndarray) -> dict[str, str]:
+    """Write what people look at beside a demos artifact: a contact sheet, and an MP4 of the first videos in a grid.
+
+    Args:
+      artifact: path of the artifact.
+      videos: (N, T, H, W, 3) uint8.
+
+    Returns:
+      The paths, as `contact_sheet` and `video`.
+    """
+    height, width = videos.shape[2:4]
+    scale = max(1, MIN_HEIGHT // height)
+    columns = max(1, min(6, GRID_WIDTH // (scale * width)))
+    shown = list(videos[: 4 * columns])
+    rows = [shown[k : k + columns] for k in range(0, len(shown), columns)]
+    rows[-1] += [np.zeros_like(shown[0])] * (len(rows[0]) - len(rows[-1]))
+    sheet = write_png(sibling(artifact, ".png"), contact_sheet(videos, n=20))
+    video = write_mp4(sibling(artifact, ".mp4"), tile_videos(rows, scale=scale))
+    return {"contact_sheet": str(sheet), "video": str(video)}
 
 
 def _checked(frames: np.ndarray, ndim: int) -> np.ndarray:
@@ -179,8 +204,8 @@ def _offsets(sizes: Sequence[int], gap: int, start: int = 0) -> list[int]:
     return [start + sum(sizes[:i]) + gap * i for i in range(len(sizes))]
 
 
-def _header(labels: Sequence[str], widths: Sequence[int], gap: int) -> np.ndarray:
-    """Draw one text above each column."""
+def caption(labels: Sequence[str], widths: Sequence[int], gap: int = 0) -> np.ndarray:
+    """Draw one text above each column, shrunk to fit: an image (24, W, 3), uint8."""
     import cv2
 
     font, size, height = cv2.FONT_HERSHEY_SIMPLEX, 0.6, 24

@@ -7,17 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from artifacts import (
-    ArtifactError,
-    contact_sheet,
-    default_path,
-    read_artifact,
-    sibling,
-    tile_videos,
-    write_artifact,
-    write_mp4,
-    write_png,
-)
+from artifacts import ArtifactError, default_path, read_artifact, write_artifact, write_overview
 from stages.configs import DEFAULT_PRESET, DemosConfig, defaults
 from stages.run import RunOptions, StageResult, environment, full_config, pick_workers
 from stages.seeding import generator
@@ -109,7 +99,7 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
         **{f"contexts/{name}": np.concatenate([part[name] for part in contexts]) for name in contexts[0]},
     }
     described = full_config("collect-demos", config, run, task=task_name, dropped=dropped)
-    _show(videos, out)
+    pictures = write_overview(out, videos)
     write_artifact(
         out,
         "demos",
@@ -125,8 +115,7 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
         "dropped": dropped,
         "frames": int(videos.shape[0] * videos.shape[1]),
         "normalised_distance": float((final_distance / initial_distance).mean()),
-        "contact_sheet": str(sibling(out, ".png")),
-        "video": str(sibling(out, ".mp4")),
+        **pictures,
     }
     return StageResult(out, summary)
 
@@ -181,12 +170,3 @@ def _find_or_train_expert(task_name: str, run: RunOptions, folder: Path) -> Path
     command = f"ifo train-expert {task_name} --preset {run.preset} --seed {run.seed} --out {path}"
     expert_run = dataclasses.replace(run, out=path, command=command, resume=False)
     return train_expert(task_name, defaults(run.preset, "train-expert", task_name), expert_run).path
-
-
-def _show(videos: np.ndarray, out: Path) -> None:
-    """Write the contact sheet and an MP4 of the first demonstrations."""
-    write_png(sibling(out, ".png"), contact_sheet(videos, n=20))
-    shown = list(videos[:24])
-    rows = [shown[k : k + 6] for k in range(0, len(shown), 6)]
-    rows[-1] += [np.zeros_like(shown[0])] * (len(rows[0]) - len(rows[-1]))
-    write_mp4(sibling(out, ".mp4"), tile_videos(rows))
