@@ -1,0 +1,102 @@
+"""Which rectangle of a video's picture is taken, in pixels of the picture as a player shows it."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from artifacts import ArtifactError, UsageError
+from stages.footage.sources import Source
+
+COLUMNS = ("video", "x", "y", "w", "h")
+
+
+class Crop(NamedTuple):
+    """A rectangle in pixels: its left, top, width and height."""
+
+    x: int
+    y: int
+    w: int
+    h: int
+
+
+def parse_crop(text: str) -> Crop:
+    """The crop that `--crop X,Y,W,H` names.
+
+    Raises:
+        UsageError: It is no rectangle.
+    """
+    crop = _crop(text.split(","))
+    if crop is None:
+        raise UsageError(f"--crop {text!r}: expected X,Y,W,H in whole pixels, such as 200,0,720,720")
+    return crop
+
+
+def read_crops(path: Path, sources: Sequence[Source]) -> tuple[list[Crop], list[str]]:
+    """The crop of every source from a CSV with columns video, x, y, w, h; and the names there that are no source's.
+
+    A name is a path from the CSV's folder, or else the bare name of a file.
+
+    Raises:
+        ArtifactError: The file cannot be read, or a video has no row or two.
+    """
+    rows: dict[str, Crop] = {}
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file, skipinitialspace=True)
+            if missing := [name for name in COLUMNS if name not in (reader.fieldnames or ())]:
+                raise ArtifactError(f"{path}: has no column {missing[0]!r}: expected {','.join(COLUMNS)} in line 1")
+            for row in reader:
+                crop = _crop([row[name] or "" for name in COLUMNS[1:]])
+                if crop is None:
+                    raise ArtifactError(f"{path}, line {reader.line_num}: expected x,y,w,h in whole pixels")
+                if rows.setdefault(row["video"], crop) is not crop:
+                    raise ArtifactError(f"{path}, line {reader.line_num}: a second row for {row['video']}: keep one")
+    except OSError as error:
+        raise ArtifactError(f"{path}: cannot be read ({error.strerror}): expected a CSV of crops") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ArtifactError(f"{path}: is no CSV in UTF-8: expected a CSV of crops") from error
+    places = {(path.parent / name).resolve(): name for name in rows}
+    names = [places.get(source.path.resolve(), source.path.name) for source in sources]
+    absent = [str(source.path) for source, name in zip(sources, names, strict=True) if name not in rows]
+    if absent:
+        others = f", nor for {len(absent) - 1} others" if len(absent) > 1 else ""
+        raise ArtifactError(f"{path}: has no row for {absent[0]}{others}: add one, of {','.join(COLUMNS)}")
+    return [rows[name] for name in names], sorted(set(rows) - set(names))
+
+
+def centred_crop(picture: tuple[int, int], size: tuple[int, int]) -> Crop:
+    """The largest centred rectangle of a picture (height, width) with the aspect ratio of `size` (height, width)."""
+    scale = min(picture[0] / size[0], picture[1] / size[1])
+    h, w = max(round(size[0] * scale), 1), max(round(size[1] * scale), 1)
+    return Crop((picture[1] - w) // 2, (picture[0] - h) // 2, w, h)
+
+
+def check_crop(crop: Crop, picture: tuple[int, int], path: Path) -> None:
+    """Raise ArtifactError where the crop reaches beyond the picture (height, width)."""
+    if crop.x + crop.w > picture[1] or crop.y + crop.h > picture[0]:
+        raise ArtifactError(
+            f"{path}: the crop {','.join(map(str, crop))} reaches beyond its picture of {picture[1]}x{picture[0]} "
+            "pixels: choose it with --preview"
+        )
+
+
+def reduced(picture: np.ndarray, crop: Crop, size: tuple[int, int]) -> np.ndarray:
+    """The crop of a picture (H, W, 3), uint8, by area averaging at `size` (height, width); enlarged, linearly."""
+    import cv2
+
+    part = np.ascontiguousarray(picture[crop.y : crop.y + crop.h, crop.x : crop.x + crop.w])
+    shrinks = crop.h >= size[0] and crop.w >= size[1]
+    return cv2.resize(part, size[::-1], interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+
+
+def _crop(words: Sequence[str]) -> Crop | None:
+    try:
+        crop = Crop(*map(int, words))
+    except (ValueError, TypeError):
+        return None
+    return crop if crop.x >= 0 and crop.y >= 0 and crop.w > 0 and crop.h > 0 else None

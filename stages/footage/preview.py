@@ -1,0 +1,42 @@
+"""A sheet of the first frames, with the part that will be taken drawn on each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from artifacts import caption, tile_videos
+from stages.footage.crops import Crop
+
+CELL = (180, 240)  # height and width of a picture on the sheet, pixels
+LONGEST = 34  # characters of a name
+GROUND = 128  # behind pictures of other shapes than a cell's
+LINES = (((255, 255, 255), 5), ((220, 0, 0), 2))  # colour and width: red, with a white rim to show on any picture
+
+
+def preview_cell(picture: np.ndarray, crop: Crop, name: str) -> np.ndarray:
+    """The picture (H, W, 3), reduced to a cell, with the crop drawn on it and its name above."""
+    import cv2
+
+    height, width = picture.shape[:2]
+    scale = min(CELL[0] / height, CELL[1] / width)
+    size = max(round(width * scale), 1), max(round(height * scale), 1)
+    small = cv2.resize(np.ascontiguousarray(picture), size, interpolation=cv2.INTER_AREA)
+    corner = round(crop.x * scale), round(crop.y * scale)
+    opposite = round((crop.x + crop.w) * scale) - 1, round((crop.y + crop.h) * scale) - 1
+    for colour, line in LINES:
+        cv2.rectangle(small, corner, opposite, colour, line)
+    cell = np.full((*CELL, 3), GROUND, np.uint8)
+    top, left = (CELL[0] - size[1]) // 2, (CELL[1] - size[0]) // 2
+    cell[top : top + size[1], left : left + size[0]] = small
+    shown = name if len(name) <= LONGEST else f"...{name[3 - LONGEST :]}"
+    return np.concatenate([caption([shown], [CELL[1]]), cell])
+
+
+def preview_sheet(cells: Sequence[np.ndarray]) -> np.ndarray:
+    """Cells in rows, about as wide as high."""
+    columns = math.ceil(math.sqrt(len(cells)))
+    rows = [list(cells[k : k + columns]) for k in range(0, len(cells), columns)]
+    return tile_videos(rows, gap=6, scale=1)[0]

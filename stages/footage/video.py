@@ -1,0 +1,269 @@
+"""A video file, read frame by frame: no more than two of its pictures are in memory at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from artifacts import ArtifactError
+
+SMALLEST, LARGEST = 16, 16384  # pixels a side
+# A playlist called x.mp4 would have FFmpeg open whatever files and addresses it names; these name none.
+FORMATS = "mov,avi,matroska,gif,mpegts,mpeg,asf,flv,ogg"
+WITHOUT_DISPLAY_TIMES = ("avi", "mpeg")  # these do not stamp every frame with its time of display
+STRETCH = 8  # pixels longer than this times their height are a wrong entry
+LOST_FRAMES, LOST_SECONDS = 0.02, 0.2  # headers err a little; more than this share, or time, is missing
+
+
+class VideoFile:
+    """A video's time stamps, read from the packets without decoding any, and its pictures on demand.
+
+    Attributes:
+        path: The file.
+        times: Time stamps (F,) of all frames, seconds from the first, increasing.
+        duration: Seconds, the last frame's included.
+        cut: In words, what a truncated file lacks; empty for a whole one.
+        rotation: Degrees that pictures are turned by, anticlockwise; known once one was read.
+        notes: What people should know, gathered while reading.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Read the time stamps.
+
+        Raises:
+            ArtifactError: It is no video that can be read.
+        """
+        self.path = path
+        self.rotation = 0
+        self.notes: list[str] = []
+        with _opened(path) as (container, stream):
+            check_size(path, stream.codec_context.width, stream.codec_context.height)
+            ratio = float(stream.sample_aspect_ratio or 1)
+            self._stretch = ratio if 1 / STRETCH <= ratio <= STRETCH else 1.0
+            self._unit = float(stream.time_base)
+            self._by_count = container.format.name in WITHOUT_DISPLAY_TIMES
+            self._scan(container, stream)
+        self.times = (self._stamps - self._stamps[0]) * self._unit
+
+    def _scan(self, container: Any, stream: Any) -> None:
+        """Gather stamps, key frames, duration, and what the file lacks of what its header says."""
+        import av
+
+        stamps: dict[int, int] = {}  # Stamp -> duration, in the stream's time base.
+        keys: list[int] = []
+        packets, broken, ends, decoded_at = 0, False, 0.0, None
+        try:
+            for packet in container.demux([stream, *container.streams.audio]):
+                if not packet.size or packet.is_corrupt:
+                    broken |= packet.is_corrupt
+                    continue
+                stamp = packet.dts if packet.pts is None else packet.pts
+                if stamp is not None:
+                    ends = max(ends, float((stamp + (packet.duration or 0)) * packet.time_base))
+                if packet.stream.index != stream.index:
+                    continue
+                packets += 1
+                decoded_at = decoded_at if packet.dts is None else packet.dts
+                self._by_count |= packet.pts is None
+                if packet.is_discard or stamp is None:
+                    continue
+                stamps[stamp] = packet.duration or 0
+                if packet.is_keyframe:
+                    keys.append(stamp)
+        except av.error.FFmpegError:
+            broken = True
+        self.cut = _what_is_cut(container, stream, packets, broken, ends)
+        if self.cut and decoded_at is not None:
+            # Frames are not stored in their order: whole up to here, with gaps behind.
+            stamps = {stamp: length for stamp, length in stamps.items() if stamp <= decoded_at}
+        if not stamps:
+            raise ArtifactError(f"{self.path}: holds no frames: expected a video")
+        self._stamps = np.array(sorted(stamps), np.int64)
+        self._keys = np.array(sorted(keys), np.int64)
+        self._period = float(np.median(np.diff(self._stamps))) if len(stamps) > 1 else 0.0
+        last = int(self._stamps[-1])
+        self.duration = float(last - self._stamps[0] + (stamps[last] or self._period)) * self._unit
+
+    def pictures(self, indices: np.ndarray) -> Generator[tuple[float, np.ndarray], None, None]:
+        """Time and picture (H, W, 3), RGB, uint8, upright and with square pixels, of the frames at these indices.
+
+        Args:
+            indices: Increasing indices of `times`.
+
+        Raises:
+            ArtifactError: One of them cannot be decoded.
+        """
+        wanted = [int(index if self._by_count else self._stamps[index]) for index in indices]
+        reader = _ByCount(self.path) if self._by_count else _ByStamp(self.path, self._keys, wanted, 2 * self._period)
+        with closing(reader):
+            for index, what in zip(indices, wanted, strict=True):
+                frame = reader.frame(what)
+                if frame is None or frame.is_corrupt:
+                    raise ArtifactError(
+                        f"{self.path}: cannot be decoded at {self.times[index]:.2f} s: get the file again, or take "
+                        "another segment with --start and --end"
+                    )
+                if frame.interlaced_frame and not self.notes:
+                    self.notes.append("interlaced: each frame mixes the lines of two moments")
+                by_stamp = (frame.pts or 0) - self._stamps[0]
+                yield float(self.times[index] if self._by_count else by_stamp * self._unit), self._upright(frame)
+
+    def _upright(self, frame: Any) -> np.ndarray:
+        """The frame as a player shows it, (H, W, 3)."""
+        width = max(round(frame.width * self._stretch), 1)
+        picture = frame.reformat(width=width, format="rgb24").to_ndarray()
+        mirrored, angle = _orientation(frame)
+        turns = round(angle / 90)
+        self.rotation = 90 * turns % 360
+        return np.rot90(picture[:, ::-1] if mirrored else picture, turns)
+
+
+class _ByStamp:
+    """Frames by their time stamps; goes to the nearest key frame before, where that is ahead."""
+
+    def __init__(self, path: Path, keys: np.ndarray, wanted: Sequence[int], slack: float) -> None:
+        self._path, self._keys = path, keys
+        self._wanted, self._slack = frozenset(wanted), slack
+        self._open = ExitStack()
+        self._go_to(None)
+
+    def close(self) -> None:
+        self._open.close()
+
+    def frame(self, stamp: int) -> Any:
+        """The frame of that stamp, later than the last one asked for; None if it cannot be decoded."""
+        before = np.searchsorted(self._keys, stamp, side="right")
+        key = int(self._keys[before - 1]) if before else None
+        if key is not None and key > self._keys[0] and (self._held is None or key > self._held.pts):
+            self._go_to(key)
+        found = self._forward_to(stamp)
+        if found is None and self._sought:  # Not every file lets one go to where one wants.
+            self._go_to(None)
+            found = self._forward_to(stamp)
+        return found
+
+    def _go_to(self, key: int | None) -> None:
+        """Go on at a key frame; None: at the beginning, where some files cannot be sent back to."""
+        if key is None:
+            self._open.close()
+            self._container, self._stream = self._open.enter_context(_opened(self._path))
+        else:
+            self._container.seek(key, stream=self._stream, backward=True)
+        self._sought = key is not None
+        self._held = self._next = None
+        self._frames = _decoded(self._container, self._stream, self._wanted)
+
+    def _forward_to(self, stamp: int) -> Any:
+        while self._held is None or self._held.pts != stamp:
+            if self._next is None:
+                self._next = next(self._frames, None)
+            if self._next is None or self._next.pts > stamp:
+                break
+            self._held, self._next = self._next, None
+        # Some packets hold no picture of their own (hidden frames): what is shown is the one before.
+        near = self._held is not None and stamp - self._held.pts <= self._slack
+        return self._held if near else None
+
+
+class _ByCount:
+    """Frames by their number, decoding from the beginning: for containers that keep no times of display."""
+
+    def __init__(self, path: Path) -> None:
+        self._open = ExitStack()
+        self._frames = enumerate(_decoded(*self._open.enter_context(_opened(path)), None))
+
+    def close(self) -> None:
+        self._open.close()
+
+    def frame(self, number: int) -> Any:
+        """The frame of that number, from 0, later than the last one asked for; None if the video ends before."""
+        return next((frame for count, frame in self._frames if count == number), None)
+
+
+def _decoded(container: Any, stream: Any, wanted: frozenset[int] | None) -> Iterator[Any]:
+    """Frames from where the container stands; of those that are not wanted, only what others are decoded from."""
+    import av
+
+    context = stream.codec_context
+    try:
+        for packet in container.demux(stream):
+            if packet.is_corrupt:
+                continue
+            needed = wanted is None or packet.pts is None or packet.pts in wanted
+            context.skip_frame = "DEFAULT" if needed else "NONREF"
+            try:
+                frames = packet.decode()
+            except av.error.FFmpegError:
+                continue
+            yield from (frame for frame in frames if wanted is None or frame.pts is not None)
+    except av.error.FFmpegError:
+        return
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
+    container, stream = _open(path)
+    with container:
+        yield container, stream
+
+
+def _open(path: Path) -> tuple[Any, Any]:
+    """The container and its first video stream, pictures of covers aside."""
+    import av
+
+    try:
+        # "file:", because a name such as concat:x.mp4 would be taken for a protocol.
+        container = av.open(f"file:{path}", options={"format_whitelist": FORMATS}, metadata_errors="ignore")
+    except PermissionError as error:
+        raise ArtifactError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error
+    except (av.error.FFmpegError, OSError, ValueError) as error:
+        empty = path.is_file() and not path.stat().st_size
+        what = "is empty" if empty else "is no video, or a truncated one"
+        raise ArtifactError(f"{path}: {what}: expected MP4, MOV, AVI, WebM or GIF") from error
+    problem = "holds no video stream: expected a video"
+    for stream in container.streams.video:
+        if stream.codec_context is None:
+            problem = "is of a video format that cannot be decoded here: convert it to H.264"
+        elif not stream.disposition & av.stream.Disposition.attached_pic:
+            return container, stream
+    container.close()
+    raise ArtifactError(f"{path}: {problem}")
+
+
+def check_size(path: Path, width: int, height: int) -> None:
+    """Raise ArtifactError for pictures that no camera makes."""
+    if not (SMALLEST <= width <= LARGEST and SMALLEST <= height <= LARGEST):
+        raise ArtifactError(f"{path}: its picture has {width}x{height} pixels: expected {SMALLEST} to {LARGEST} a side")
+
+
+def _what_is_cut(container: Any, stream: Any, packets: int, broken: bool, ends: float) -> str:
+    """In words, what the file lacks of what its header says; empty if nothing."""
+    lost = stream.frames - packets
+    if lost > max(1, LOST_FRAMES * stream.frames):
+        return f"is truncated, it holds {packets} of {stream.frames} frames"
+    # Other containers' durations are guesses of FFmpeg's.
+    if container.format.name.startswith("matroska") and container.duration:
+        declared = container.duration / 1e6
+        if declared - ends > max(LOST_SECONDS, LOST_FRAMES * declared):
+            return f"is truncated, it holds {ends:.2f} of {declared:.2f} s"
+    return "is damaged or truncated" if broken else ""
+
+
+def _orientation(frame: Any) -> tuple[bool, float]:
+    """Whether to mirror the frame, left for right, and by how many degrees to turn it then, anticlockwise."""
+    try:
+        matrix = frame.side_data.get("DISPLAYMATRIX")
+    except ValueError:  # Side data that PyAV has no name for: it tells the angle nonetheless.
+        return False, float(frame.rotation)
+    if matrix is None:
+        return False, 0.0
+    a, b, _, c, d = np.frombuffer(bytes(matrix), "<i4")[:5].astype(float)
+    mirrored = a * d - b * c < 0
+    if mirrored:
+        a, b = -a, -b
+    return mirrored, -math.degrees(math.atan2(b, a))

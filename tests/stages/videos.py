@@ -1,0 +1,115 @@
+"""Awkward videos, made here: every frame shows its own number, so that it can be read back after compression."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+
+BITS = 6  # of a frame's number, as columns of black and white
+FPS = 10
+COUNT = 25  # frames of a video
+X265 = {"x265-params": "log-level=none"}
+
+
+def picture(number: int, height: int = 48, width: int = 64) -> np.ndarray:
+    """A frame (height, width, 3): in its central square a red corner, top left, and the number's bits below."""
+    side = min(height, width)
+    square = np.full((side, side, 3), 90, np.uint8)
+    square[: side // 3, : side // 3] = (230, 20, 20)
+    for bit in range(BITS):
+        left, right = side * bit // BITS, side * (bit + 1) // BITS
+        square[side // 2 :, left:right] = 235 if number >> bit & 1 else 20
+    frame = np.full((height, width, 3), (20, 160, 60), np.uint8)
+    top, left = (height - side) // 2, (width - side) // 2
+    frame[top : top + side, left : left + side] = square
+    return frame
+
+
+def number_in(frame: np.ndarray) -> int:
+    """The number that a frame (H, W, 3), cropped to its central square, shows; -1 if it is not upright."""
+    height, width = frame.shape[:2]
+    red, green, _ = frame[height // 12 : height // 4, width // 12 : width // 4].mean(axis=(0, 1))
+    if red < 150 or green > 80:
+        return -1
+    band = frame[height * 5 // 8 : height * 7 // 8].mean(axis=(0, 2))
+    middles = [int(width * (bit + 0.5) / BITS) for bit in range(BITS)]
+    return sum(int(band[at - 1 : at + 2].mean() > 128) << bit for bit, at in enumerate(middles))
+
+
+def write_video(
+    path: Path,
+    codec: str = "libx264",
+    pixels: str = "yuv420p",
+    *,
+    size: tuple[int, int] = (48, 64),
+    count: int = COUNT,
+    turns: int = 0,
+    stretch: int = 1,
+    milliseconds: Sequence[int] = (),
+    options: dict[str, str] | None = None,
+    container: dict[str, str] | None = None,
+    audio: int = 0,
+    rate: int = FPS,
+) -> Path:
+    """Write `count` frames, 10 a second.
+
+    Args:
+        size: Height and width of what a player shows.
+        turns: Quarter turns that the player is told to make, anticlockwise; the stored picture is turned back.
+        stretch: The stored picture is so many times narrower, and its pixels are wider.
+        milliseconds: Time stamps in place of 10 a second.
+        audio: Seconds of sound beside it.
+        rate: Frames a second in place of 10.
+    """
+    with av.open(str(path), "w", options=container or {}) as file:
+        stream = file.add_stream(codec, rate=rate)
+        stored = np.rot90(picture(0, *size), -turns)[:, ::stretch]
+        stream.height, stream.width, stream.pix_fmt = *stored.shape[:2], pixels
+        stream.options = options or {}
+        if turns:
+            stream.set_display_rotation({1: 90, 2: 180, 3: -90}[turns])
+        if stretch > 1:
+            stream.codec_context.sample_aspect_ratio = Fraction(stretch)
+        if milliseconds:
+            stream.codec_context.time_base = Fraction(1, 1000)
+        sound = file.add_stream("aac", rate=16000, layout="mono") if audio else None
+        file.start_encoding()  # Writes the header, where no frame does.
+        for k in range(len(milliseconds) or count):
+            turned = np.rot90(picture(k, *size), -turns)[:, ::stretch]
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(turned), format="rgb24")
+            if milliseconds:
+                frame.pts, frame.time_base = milliseconds[k], Fraction(1, 1000)
+            if pixels == "rgb8":
+                frame = frame.reformat(format=pixels)
+            file.mux(stream.encode(frame))
+        file.mux(stream.encode())
+        if audio:
+            file.mux(_sound(sound, audio))
+    return path
+
+
+def write_sound(path: Path, seconds: int = 1) -> Path:
+    """Write a file of sound alone."""
+    with av.open(str(path), "w") as file:
+        file.mux(_sound(file.add_stream("aac", rate=16000, layout="mono"), seconds))
+    return path
+
+
+def _sound(stream: av.AudioStream, seconds: int) -> list[av.Packet]:
+    packets = []
+    for k in range(seconds * 16000 // 1024):
+        frame = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
+        frame.sample_rate, frame.pts = 16000, 1024 * k
+        packets += stream.encode(frame)
+    return [*packets, *stream.encode()]
+
+
+def cut(source: Path, path: Path, share: float) -> Path:
+    """The first part of a file's bytes."""
+    data = source.read_bytes()
+    path.write_bytes(data[: int(len(data) * share)])
+    return path
