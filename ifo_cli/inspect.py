@@ -174,6 +174,8 @@ def _value(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, list):
+        if len(value) > SHORT and isinstance(value[0], dict):
+            return f"{_value(value[:1])}, {len(value) - 1} more (--json shows all)"
         return ", ".join(map(_value, value)) or "none"
     return value if isinstance(value, str) else json.dumps(value)
 

@@ -100,7 +100,7 @@ def _run(
     task: str,
 ) -> None:
     _check_numbers(given)
-    out = _check_out(given.run.get("out"))
+    out = check_out(given.run.get("out"))
     if named is None:
         paths = []
     else:
@@ -155,7 +155,8 @@ def _check_numbers(given: Given) -> None:
             raise UsageError(f"--{name.replace('_', '-')} {value}: expected a finite number")
 
 
-def _check_out(out: Path | None) -> Path | None:
+def check_out(out: Path | None) -> Path | None:
+    """Return --out, or raise UsageError where it is no name of an artifact."""
     if out is None:
         return None
     if out.suffix != ".h5" or out.name.endswith(".checkpoint.h5"):

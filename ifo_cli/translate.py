@@ -13,6 +13,7 @@ from ifo_cli.runner import run_stage
 STAGE = "translate"
 EXAMPLES = (
     "ifo translate runs/reach.translator.h5 --context-seed 3",
+    "ifo translate runs/imported.translator.h5 --context-image robot.png",
     "ifo translate runs/reach.translator.h5 -n 20 --out runs/few.translation.h5",
 )
 

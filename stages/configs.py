@@ -173,6 +173,32 @@ class EvaluateConfig:
     episodes: int = option(100, "Episodes a policy, deterministic and stochastic each.", low=1)
 
 
+@dataclass(frozen=True)
+class ImportConfig:
+    """What import-demos takes of real videos. No preset changes it, so that it is no entry of STAGES.
+
+    Attributes:
+        frames: T, frames taken of each video.
+        size: Their WIDTHxHEIGHT in pixels.
+        start, end: The segment of each video, in seconds from its first frame; end 0: at the last frame.
+        fps: Frames a second from the start, in place of an end; 0: equal times to the end.
+        crop: X,Y,W,H in pixels of the upright picture; empty: the largest centred one.
+        crop_file: CSV with a crop for each video.
+        task: The simulated task that a robot is to learn from the videos; empty: none.
+        strict: A video that cannot be used is an error.
+    """
+
+    frames: int = 25
+    size: str = "48x48"
+    start: float = 0.0
+    end: float = 0.0
+    fps: float = 0.0
+    crop: str = ""
+    crop_file: str = ""
+    task: str = ""
+    strict: bool = False
+
+
 STAGES: dict[str, type] = {
     "train-expert": ExpertConfig,
     "collect-demos": DemosConfig,

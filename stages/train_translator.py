@@ -15,6 +15,7 @@ from stages.run import RunOptions, StageResult, environment, full_config, pick_d
 if TYPE_CHECKING:
     from stages.translation.networks import Translator
 
+FEWEST = 4  # demonstrations: two to train on, two held out
 SHOWN_HELD_OUT = 32  # held-out demonstrations that the evaluations on the way look at; the last looks at all
 METRICS = (
     "psnr",
@@ -53,8 +54,9 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
     out = run.out or default_path(source.path.parent, stem_of(source.path), "translator")
     frames = torch.from_numpy(source["frames"])
     held_out = held_out_count(len(frames), config.held_out)
-    if len(frames) - held_out < 2:
-        raise ArtifactError(f"{demos} holds {len(frames)} demonstrations, expected 4 or more: collect more with -n")
+    if len(frames) < FEWEST:
+        more = "import more videos" if source.config.get("stage") == "import-demos" else "collect more with -n"
+        raise ArtifactError(f"{demos} holds {len(frames)} demonstrations, expected {FEWEST} or more: {more}")
     training = TranslatorTraining(config, frames[:-held_out], run.seed, device, run.processes)
     described = full_config("train-translator", config, run, task=source.config.get("task"))
     described |= {"demonstrations": len(frames), "held_out_demonstrations": held_out, "size": list(frames.shape[2:4])}

@@ -28,8 +28,10 @@ from stages.simulation.contexts import Contexts
 
 if TYPE_CHECKING:
     from stages.rewards.quality import Quality
+    from stages.simulation.task import Task
 
 SHOWN = 4  # demonstrations in the MP4 grid
+IMPORTED = "import-demos"  # the stage of demonstrations that tell nothing but frames
 CHUNK = 16  # demonstrations translated at a time
 
 
@@ -166,10 +168,18 @@ def _simulate_context(
     from stages.simulation.render import RenderPool
     from stages.simulation.tasks import distribution, learner_context, make_task
 
+    if not demos.config.get("task"):
+        raise UsageError(
+            f"{demos.path} shows no simulated task: give a picture of the learner's context with --context-image PNG, "
+            "or name the task of a simulated learner with import-demos --task"
+        )
     task = make_task(demos.config["task"])
+    _check_shape(task, demos)
     contexts = learner_context(task, config.context_seed, distribution(*_contexts_of(config, demos)))
     with RenderPool.of(task, 1) as pool:
         frame = pool.render(task.model_fields(contexts), task.context_state(contexts)[0][None])[0, 0]
+    if demos.config.get("stage") == IMPORTED:
+        return contexts, frame, None  # Nobody knows what the expert would do here.
     try:
         return contexts, frame, demos.parent("expert", check=True).path
     except ArtifactError as error:
@@ -178,10 +188,26 @@ def _simulate_context(
 
 
 def _contexts_of(config: TranslateConfig, demos: Artifact) -> tuple[str, str]:
-    """The distribution of the learner's context and what varies in it; both the demonstrations' where left open."""
+    """The distribution of the learner's context and what varies in it; where left open, both are the
+    demonstrations', or where these are imported, the preset's.
+    """
     if config.contexts:
         return config.contexts, config.vary
+    if demos.config.get("stage") == IMPORTED:
+        drawn = defaults(demos.config["preset"], "collect-demos", demos.config.get("task") or "")
+        return drawn.contexts, config.vary
     return demos.config["contexts"], config.vary or demos.config.get("vary", "")
+
+
+def _check_shape(task: Task, demos: Artifact) -> None:
+    """Raise UsageError where a simulated learner's videos are of another length or size than the demonstrations."""
+    length, *size = demos.describe()["frames"][0][1:4]
+    if (length, *size) != (task.frames, *task.frame_size):
+        height, width = task.frame_size
+        raise UsageError(
+            f"{demos.path} holds {length} frames of {size[1]}x{size[0]} pixels a video, expected {task.frames} of "
+            f"{width}x{height}, as {task.name} has them: import-demos --frames {task.frames} --size {width}x{height}"
+        )
 
 
 def _judge(

@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PARTS = ("simulation", "translation", "rewards", "learners", "reporting")
+PARTS = ("footage", "simulation", "translation", "rewards", "learners", "reporting")
 STAGE_MODULES = (
     "train_expert",
     "collect_demos",
+    "import_demos",
     "train_translator",
     "translate",
     "learn_policy",

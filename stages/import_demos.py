@@ -1,0 +1,288 @@
+"""import-demos: real videos as demonstrations. Frames are all there is: no contexts, no expert, no distances."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from artifacts import ArtifactError, UsageError, default_path, sibling, write_artifact, write_overview, write_png
+from stages.configs import DEFAULT_PRESET, ImportConfig
+from stages.footage.crops import Crop, centred_crop, check_crop, parse_crop, read_crops, reduced
+from stages.footage.images import ImageFolder
+from stages.footage.moments import Segment, choose_frames
+from stages.footage.preview import preview_cell, preview_sheet
+from stages.footage.sources import Source, find_videos
+from stages.footage.video import VideoFile
+from stages.run import RunOptions, StageResult, environment, full_config
+from stages.train_translator import FEWEST
+
+SIDES = range(16, 513, 4)  # pixels; the translators halve frames twice
+MOST_FRAMES = 1000
+PREVIEWED = 200  # videos on a preview, at most
+NAMED = 3  # videos that a note names
+
+
+@dataclasses.dataclass(frozen=True)
+class Taken:
+    """What was taken of a video: frames (T, H, W, 3), their times (T,) in seconds, and what the artifact records."""
+
+    frames: np.ndarray
+    times: np.ndarray
+    record: dict[str, Any]
+
+
+class Importer:
+    """Goes through videos, leaves out the bad ones, and gathers what is to be said about the others."""
+
+    def __init__(self, config: ImportConfig, run: RunOptions) -> None:
+        """Check the options.
+
+        Raises:
+            UsageError: They make no sense.
+        """
+        self._config, self._run = config, run
+        self.size = parse_size(config.size)
+        self.segment = _segment(config)
+        if config.crop and config.crop_file:
+            raise UsageError("--crop and --crop-file both say what to take of a picture: give one of them")
+        self._crop = parse_crop(config.crop) if config.crop else None
+        self._crops: dict[Path, Crop] = {}
+        self.skipped: list[dict[str, str]] = []
+        self.notes: dict[str, list[str]] = defaultdict(list)
+
+    def find(self, paths: Sequence[Path]) -> list[Source]:
+        """The videos that these paths are or hold, each once, with their crops where a file names these."""
+        found: dict[Path, Source] = {}
+        for path in paths:
+            try:
+                for source in find_videos(path):
+                    found.setdefault(source.path.resolve(), source)
+            except ArtifactError as error:
+                self._skip(path, error)
+        sources = list(found.values())
+        if self._config.crop_file and sources:
+            crops, unknown = read_crops(Path(self._config.crop_file), sources)
+            self._crops = {source.path: crop for source, crop in zip(sources, crops, strict=True)}
+            if unknown:
+                self._run.progress.say(f"{self._config.crop_file} has rows for no video here: {_some(unknown)}")
+        return sources
+
+    def take(self, source: Source) -> Taken | None:
+        """The wanted frames of a video; None if it cannot be used.
+
+        Raises:
+            ArtifactError: It cannot be used, and --strict.
+        """
+        try:
+            footage = ImageFolder(source) if source.images else VideoFile(source.path)
+            indices, behind = choose_frames(footage, self.segment)
+            different, places = np.unique(indices, return_inverse=True)
+            frames = np.empty((len(different), *self.size, 3), np.uint8)
+            times = np.empty(len(different))
+            with closing(footage.pictures(different)) as pictures:
+                for k, (times[k], picture) in enumerate(pictures):
+                    if k == 0:
+                        shape, crop = picture.shape[:2], self._crop_of(source, picture)
+                    elif picture.shape[:2] != shape:
+                        raise ArtifactError(f"{source.path}: changes its picture size midway: convert it to one size")
+                    frames[k] = reduced(picture, crop, self.size)
+            record = {
+                "name": _name(source.path),
+                "sha256": source.sha256(),
+                "size": list(shape[::-1]),
+                "duration": round(footage.duration, 6),
+                "rotation": footage.rotation,
+                "crop": list(crop),
+            }
+        except ArtifactError as error:
+            self._skip(source.path, error)
+            return None
+        self._note(source, footage, crop, len(indices) - len(different), behind)
+        return Taken(frames[places], times[places], record)
+
+    def preview(self, source: Source) -> np.ndarray | None:
+        """The first wanted frame with the crop drawn on it; None if the video cannot be used."""
+        try:
+            footage = ImageFolder(source) if source.images else VideoFile(source.path)
+            indices, _ = choose_frames(footage, self.segment)
+            with closing(footage.pictures(indices[:1])) as pictures:
+                _, picture = next(pictures)
+            return preview_cell(picture, self._crop_of(source, picture), source.path.name)
+        except ArtifactError as error:
+            self._skip(source.path, error)
+            return None
+
+    def _crop_of(self, source: Source, picture: np.ndarray) -> Crop:
+        crop = self._crop or self._crops.get(source.path) or centred_crop(picture.shape[:2], self.size)
+        check_crop(crop, picture.shape[:2], source.path)
+        return crop
+
+    def _skip(self, path: Path, error: ArtifactError) -> None:
+        if self._config.strict:
+            raise ArtifactError(f"{error} (--strict: nothing is written)") from error
+        self._run.progress.say(f"skipped {error}")
+        self.skipped.append({"name": _name(path), "reason": str(error)})
+
+    def _note(self, source: Source, footage: VideoFile | ImageFolder, crop: Crop, repeated: int, behind: int) -> None:
+        name = str(source.path)
+        if behind:
+            self.notes["short videos rest on their last frame"].append(name)
+        elif repeated:
+            self.notes["frames are taken twice where there are fewer than --frames"].append(name)
+        if crop.h < self.size[0] or crop.w < self.size[1]:
+            self.notes[f"pictures of less than {self._config.size} pixels are enlarged"].append(name)
+        if abs(crop.h * self.size[1] - crop.w * self.size[0]) > max(self.size):
+            self.notes[f"crops of another shape than {self._config.size} are squeezed"].append(name)
+        if footage.cut:
+            self.notes["truncated or damaged, but whole where frames are taken"].append(name)
+        for note in footage.notes:
+            self.notes[note].append(name)
+
+
+def import_demos(paths: Sequence[Path], config: ImportConfig, run: RunOptions, preview: bool = False) -> StageResult:
+    """Take `config.frames` frames of each video and write the `demos` artifact, a contact sheet and an MP4.
+
+    Videos that cannot be used are left out, one line each. One frame at a time is decoded, cropped and reduced, so
+    that memory does not grow with the length of the videos.
+
+    Args:
+        paths: Videos, folders of videos, and folders of images.
+        config: What to take.
+        run: Preset and output; there is no seed, for nothing is random.
+        preview: Write only a sheet of the first frames with the crops drawn on them.
+
+    Raises:
+        ArtifactError: No video can be used; with `config.strict`, one cannot. Nothing is written.
+        UsageError: The options make no sense, or the output would replace a video.
+    """
+    importer = Importer(config, run)
+    out = run.out or default_path(Path("runs"), _stem(config, run), "demos")
+    sources = importer.find(paths)
+    _check_not_an_input(out, sources)
+    if preview:
+        return _write_preview(importer, sources, out, run)
+    height, width = importer.size
+    videos = np.empty((len(sources), config.frames, height, width, 3), np.uint8)
+    times: list[np.ndarray] = []
+    records: list[dict[str, Any]] = []
+    with run.progress.bar("import-demos", len(sources), "videos") as bar:
+        for done, source in enumerate(sources, 1):
+            taken = importer.take(source)
+            if taken is not None:
+                videos[len(times)] = taken.frames
+                times.append(taken.times)
+                records.append(taken.record)
+            bar.update(done)
+    _check_some(len(times), importer)
+    for line in _remarks(importer, records):
+        run.progress.say(line)
+    videos = videos[: len(times)]
+    write_artifact(
+        out,
+        "demos",
+        {"frames": videos, "times": np.stack(times)},
+        config=full_config("import-demos", config, run, videos=records, skipped=importer.skipped),
+        seed=run.seed,
+        command=run.command,
+        environment=environment() | {name: metadata.version(name) for name in ("av", "opencv-python-headless")},
+    )
+    summary = {"demos": len(times), "skipped": importer.skipped, "frames": len(times) * config.frames}
+    return StageResult(out, summary | write_overview(out, videos))
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Height and width of `--size WIDTHxHEIGHT`.
+
+    Raises:
+        UsageError: No translator takes such frames.
+    """
+    match = re.fullmatch(r"(\d{1,4})[xX](\d{1,4})", text)
+    width, height = (int(side) for side in match.groups()) if match else (0, 0)
+    if width not in SIDES or height not in SIDES:
+        raise UsageError(
+            f"--size {text!r}: expected WIDTHxHEIGHT in multiples of {SIDES.step} from {SIDES[0]} to {SIDES[-1]}, "
+            "such as 48x48"
+        )
+    return height, width
+
+
+def _segment(config: ImportConfig) -> Segment:
+    for name in ("start", "end", "fps"):
+        value = getattr(config, name)
+        if not 0 <= value < float("inf"):
+            raise UsageError(f"--{name} {value:g}: expected a finite number, 0 or more")
+    if not 2 <= config.frames <= MOST_FRAMES:
+        raise UsageError(f"--frames {config.frames}: expected 2 to {MOST_FRAMES}")
+    if config.end and config.fps:
+        raise UsageError("--end and --fps both say where the last frame is: give one of them")
+    if config.end and config.end <= config.start:
+        raise UsageError(f"--end {config.end:g}: expected more than --start, which is {config.start:g}")
+    return Segment(config.frames, config.start, config.end, config.fps)
+
+
+def _stem(config: ImportConfig, run: RunOptions) -> str:
+    """Not the task's name alone: that is what collect-demos calls its files."""
+    from stages.simulation.tasks import file_name
+
+    task = f"-{file_name(config.task)}" if config.task else ""
+    return f"imported{task}" + ("" if run.preset == DEFAULT_PRESET else f"-{run.preset}")
+
+
+def _check_not_an_input(out: Path, sources: Sequence[Source]) -> None:
+    """Refuse to write a picture over somebody's footage."""
+    written = {sibling(out, suffix).resolve(): suffix for suffix in (".mp4", ".png", ".preview.png")}
+    written[out.resolve()] = ""
+    for file in (file for source in sources for file in source.files):
+        if file.resolve() in written:
+            raise UsageError(f"--out {out} would replace {file}, which is imported: choose another name")
+
+
+def _check_some(usable: int, importer: Importer) -> None:
+    if not usable:
+        raise ArtifactError(f"none of {len(importer.skipped)} videos can be used: nothing is written")
+
+
+def _write_preview(importer: Importer, sources: Sequence[Source], out: Path, run: RunOptions) -> StageResult:
+    cells: list[np.ndarray] = []
+    for source in sources[:PREVIEWED]:
+        cell = importer.preview(source)
+        if cell is not None:
+            cells.append(cell)
+    _check_some(len(cells), importer)
+    if len(sources) > PREVIEWED:
+        run.progress.say(f"the preview shows the first {PREVIEWED} of {len(sources)} videos")
+    path = write_png(sibling(out, ".preview.png"), preview_sheet(cells))
+    return StageResult(path, {"videos": len(cells), "skipped": importer.skipped})
+
+
+def _remarks(importer: Importer, records: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """Lines about what was imported."""
+    for note, names in importer.notes.items():
+        yield f"{note} ({len(names)} of {len(records)} videos: {_some(names)})"
+    same: dict[str, list[str]] = defaultdict(list)
+    for record in records:
+        same[record["sha256"]].append(record["name"])
+    for names in same.values():
+        if len(names) > 1:
+            yield f"the same video {len(names)} times: {_some(names)}"
+    counted = f", skipped {len(importer.skipped)}" if importer.skipped else ""
+    yield f"imported {len(records)} videos{counted}"
+    if len(records) < FEWEST:
+        yield f"train-translator needs {FEWEST} demonstrations or more: import more videos"
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
+
+
+def _name(path: Path) -> str:
+    # A name in bytes of old, which UTF-8 cannot hold, stays readable.
+    return str(path).encode("utf-8", "backslashreplace").decode("utf-8")
