@@ -53,7 +53,8 @@ def choose_frames(footage: VideoFile | ImageFolder, wanted: Segment) -> tuple[np
     behind = int((at >= duration - ROUNDING).sum()) if wanted.fps else 0
     if footage.cut and (behind or not (wanted.end or wanted.fps)):
         raise ArtifactError(
-            f"{path}: {footage.cut}: get the whole file, or take a segment that is there with --start and --end"
+            f"{path}: {footage.cut}: get the whole file, or take a segment that is there, up to "
+            f"{times[-1]:.2f} s, with --end"
         )
     indices = np.maximum(np.searchsorted(times, at + ROUNDING, side="right") - 1, 0)
     if indices[0] == indices[-1]:

@@ -77,6 +77,7 @@ class VideoFile:
                     keys.append(stamp)
         except av.error.FFmpegError:
             broken = True
+        broken |= container.format.name == "gif" and not _has_trailer(self.path)
         self.cut = _what_is_cut(container, stream, packets, broken, ends)
         if self.cut and decoded_at is not None:
             # Frames are not stored in their order: whole up to here, with gaps behind.
@@ -252,6 +253,13 @@ def _what_is_cut(container: Any, stream: Any, packets: int, broken: bool, ends: 
         if declared - ends > max(LOST_SECONDS, LOST_FRAMES * declared):
             return f"is truncated, it holds {ends:.2f} of {declared:.2f} s"
     return "is damaged or truncated" if broken else ""
+
+
+def _has_trailer(path: Path) -> bool:
+    """Whether a GIF ends as all do, whose header does not tell how long they are."""
+    with open(path, "rb") as file:
+        file.seek(max(path.stat().st_size - 64, 0))
+        return file.read().rstrip(b"\0\r\n ").endswith(b";")
 
 
 def _orientation(frame: Any) -> tuple[bool, float]:

@@ -51,6 +51,7 @@ BAD = {
     "sound.mp4": "holds no video stream",
     "text.mp4": "is no video",
     "tiny.mkv": "2x2 pixels: expected 16 to 16384",
+    "truncated.gif": "is damaged or truncated",
     "truncated.mkv": "is truncated",
     "truncated.mp4": "of 25 frames",
 }
@@ -58,7 +59,7 @@ BAD = {
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Sixteen good videos and ten bad ones, among what else lies in a folder."""
+    """Sixteen good videos and eleven bad ones, among what else lies in a folder."""
     at = tmp_path_factory.mktemp("footage")
     fast = {"preset": "ultrafast", "bf": "2", "g": "8"}
     write_video(at / "anamorphic.mp4", stretch=2, size=(48, 96))
@@ -87,6 +88,7 @@ def folder(tmp_path_factory):
     write_sound(at / "sound.mp4")
     (at / "text.mp4").write_text("This is no video.\n" * 40)
     write_video(at / "tiny.mkv", "ffv1", "yuv444p", size=(2, 2))
+    cut(at / "animation.gif", at / "truncated.gif", 0.6)
     truncated(at / "truncated.mp4", {"movflags": "+faststart"})
     truncated(at / "truncated.mkv", {})
     (at / "notes.txt").write_text("mine")
