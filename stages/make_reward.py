@@ -79,8 +79,8 @@ def _translation(
             f"{source.path} holds no video of the expert in this context, expected one for --reward video; "
             "translate again where the demonstrations' expert is at hand"
         )
-    model = load_translator(source.parent("translator", check=True), device)
     target = TrackingTarget.of(source, config.blur, device, expert=config.reward == "video")
+    model = load_translator(source.parent("translator", check=True), device)
     tuning = None
     if config.negatives:
         tuning = NegativeTuning(model, target, source["images"], config.negatives, seed, device)
