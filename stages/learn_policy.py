@@ -17,7 +17,7 @@ from artifacts import (
     write_mp4,
 )
 from stages.checkpoints import Checkpoints
-from stages.configs import REWARD_TERMS, PolicyConfig
+from stages.configs import LOCAL_LEARNERS, REWARD_TERMS, PolicyConfig
 from stages.make_reward import make_reward
 from stages.run import RunOptions, StageResult, environment, full_config, pick_device, pick_workers
 from stages.simulation.contexts import Contexts, repeat
@@ -46,6 +46,16 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
         raise UsageError("--without feat --without img leaves no reward to learn from: keep one of the two")
     if config.negatives and (config.reward != "translation" or "feat" in config.without):
         raise UsageError("--negatives tunes the features of --reward translation: use it with them, or leave it out")
+    if config.learner in LOCAL_LEARNERS and config.reward not in ("translation", "video", "oracle"):
+        raise UsageError(
+            f"--learner {config.learner} --reward {config.reward}: expected --reward translation, video or oracle, "
+            "whose squared distances it can track"
+        )
+    if config.negatives and config.learner in LOCAL_LEARNERS:
+        raise UsageError(
+            f"--negatives changes the features that --learner {config.learner} has in its state: leave one of the two "
+            "out"
+        )
     if config.negatives and (config.patience or config.learner == "sac"):
         raise UsageError(
             "--negatives changes the reward on the way: --patience would take it for a flat one, and --learner sac "
