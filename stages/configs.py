@@ -266,7 +266,7 @@ TASK_DEFAULTS: dict[str, dict[str, dict[str, dict[str, Any]]]] = {
 # What a learner needs otherwise than the preset and the task have it: learner -> preset -> fields.
 LEARNER_DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
     "gps": {
-        "*": {"iterations": 10, "episodes": 20, "kl": 1.0, "log_std": 0.0, "checkpoint_every": 1},
+        "*": {"iterations": 20, "episodes": 10, "kl": 1.0, "log_std": 0.0, "checkpoint_every": 1},
         "toy": {"iterations": 3, "episodes": 5, "kl": 1.0, "log_std": 0.0},
     }
 }

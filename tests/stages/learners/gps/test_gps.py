@@ -1,11 +1,12 @@
 """The search meets its bound, learns from few rollouts, resumes bit for bit, and refuses what it cannot do."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
 
-from artifacts import ArtifactError, UsageError, pack, read_artifact, unpack, write_artifact
+from artifacts import ArtifactError, Interrupted, UsageError, pack, read_artifact, unpack, write_artifact
 from stages.checkpoints import Checkpoints
 from stages.configs import LearnerConfig, PolicyConfig, defaults
 from stages.learners import loop
@@ -23,7 +24,8 @@ from stages.simulation.contexts import DISTRIBUTIONS, repeat
 from stages.simulation.reach import Reach
 from stages.simulation.tasks import make_task
 
-CONFIG = LearnerConfig(learner="gps", episodes=15, iterations=6, kl=1.0, log_std=0.0, checkpoint_every=2)
+CONFIG = LearnerConfig(learner="gps", episodes=10, kl=1.0, log_std=0.0)
+SMALL = dataclasses.replace(CONFIG, episodes=5, iterations=4, checkpoint_every=2)
 
 
 def context_of(task):
@@ -74,16 +76,16 @@ def test_the_step_follows_from_what_came_of_the_last(before, foretold, actual, c
     assert step_change(before, foretold, actual) == pytest.approx(expected)
 
 
-def test_reach_is_learned_from_75_rollouts_and_the_policy_needs_no_goal(tmp_path):
+def test_reach_is_learned_from_100_rollouts_and_the_policy_needs_no_goal(tmp_path):
     env = environment()
     model = make_learner(CONFIG, env, 0)
     left = []
-    for _ in range(5):
+    for _ in range(10):
         model.learn(0)
         left.append(env.pop_distances().mean())
     assert left[0] > 0.6
     assert left[-1] < 0.1
-    assert model.num_timesteps == 75 * 50
+    assert model.num_timesteps == 100 * 50
     path = write_artifact(
         tmp_path / "a.policy.h5",
         "policy",
@@ -125,50 +127,48 @@ def test_noise_is_drawn_from_the_generator_alone():
 
 
 def test_a_restored_learner_goes_on_bit_for_bit():
-    whole, begun, resumed = (make_learner(CONFIG, environment(), 4) for _ in range(3))
+    whole, begun, resumed = (make_learner(SMALL, environment(SMALL), 4) for _ in range(3))
     for model, times in ((whole, 4), (begun, 2)):
         for _ in range(times):
             model.learn(0)
     restore_learner(resumed, unpack(*pack(learner_state(begun))))
     for _ in range(2):
         resumed.learn(0)
-    assert resumed.num_timesteps == whole.num_timesteps == 4 * 15 * 50
+    assert resumed.num_timesteps == whole.num_timesteps == 4 * 5 * 50
     for one, other in ((whole.own, resumed.own), (whole.controller, resumed.controller)):
         for name, values in one.arrays().items():
             np.testing.assert_array_equal(values, other.arrays()[name], err_msg=name)
 
 
-def test_the_loop_resumes_from_a_checkpoint_with_the_same_curve(tmp_path):
-    curves = []
-    for name, stops in (("whole", None), ("parts", 3)):
+def test_an_interrupted_run_resumes_from_its_checkpoint_with_the_same_curve(tmp_path):
+    def learn(env, name):
         out = tmp_path / f"{name}.policy.h5"
         run = RunOptions(progress=Progress(quiet=True), resume=True)
-        checkpoints = Checkpoints(run, out, "learn-policy", {}, [])
-        if stops is not None:
-            begun = environment()
-            steps = begun.step_wait
+        model, curve = loop.learn(env, SMALL, run, out, "learn-policy", Checkpoints(run, out, "learn-policy", {}, []))
+        return model.own.arrays(), {name: values for name, values in curve.items() if name != "seconds"}
 
-            def interrupted(taken=[0]):  # noqa: B006
-                taken[0] += 1
-                if taken[0] > 3 * 50:
-                    raise KeyboardInterrupt
-                return steps()  # noqa: B023
+    whole, curve = learn(environment(SMALL), "whole")
+    env = environment(SMALL)
+    step, taken = env.step_wait, itertools.count(1)
 
-            begun.step_wait = interrupted
-            with pytest.raises(Exception, match="3 of 6 iterations"):
-                loop.learn(begun, CONFIG, run, out, "learn-policy", checkpoints)
-        model, curve = loop.learn(environment(), CONFIG, run, out, "learn-policy", checkpoints)
-        del curve["seconds"]
-        curves.append((curve, model.own.arrays()))
-    assert curves[0][0] == curves[1][0]
-    assert set(curves[0][0]) >= {"iteration", "samples", "return", "normalised_distance", "success", "action_std"}
-    for name, values in curves[0][1].items():
-        np.testing.assert_array_equal(values, curves[1][1][name])
+    def stopping():
+        if next(taken) > 3 * env.task.control_steps:
+            raise KeyboardInterrupt
+        return step()
+
+    env.step_wait = stopping
+    with pytest.raises(Interrupted, match="3 of 4 iterations"):
+        learn(env, "parts")
+    parts, resumed = learn(environment(SMALL), "parts")
+    assert resumed == curve
+    assert set(curve) == {"iteration", "samples", "return", "normalised_distance", "success", "action_std"}
+    for name, values in whole.items():
+        np.testing.assert_array_equal(values, parts[name])
 
 
 @pytest.mark.parametrize("name", ["reach", "push", "sweep", "strike"])
-def test_errors_are_zero_where_the_distance_is(name):
-    """And their first part's squared norm is the squared distance, but for sweep's mean and strike's moving ball."""
+def test_errors_of_tasks_have_the_distance_as_norm(name):
+    """Their first part, that is, at the start; in sweep ball by ball."""
     task = make_task(name)
     contexts = repeat(context_of(task), 4)
     env = EpisodeEnv(task, 4, 0, lambda rng, n: contexts, OracleReward(task), nthread=1)
@@ -218,5 +218,5 @@ def test_rewards_that_do_not_fit_are_refused_before_anything_is_read(tmp_path, o
 def test_a_learner_has_its_own_defaults():
     assert defaults("quick", "learn-policy", "reach").episodes == 100
     gps = defaults("quick", "learn-policy", "strike", "gps")
-    assert (gps.iterations, gps.episodes, gps.image_weight) == (10, 20, 8.0)
+    assert (gps.iterations, gps.episodes, gps.image_weight) == (20, 10, 8.0)
     assert defaults("toy", "learn-policy", "reach", "gps").episodes == 5
