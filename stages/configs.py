@@ -22,7 +22,8 @@ VARY = (
     "goal, initial (default: what the paper varies in the task)."
 )
 LEARNERS = ("trpo", "ppo", "sac")
-LOCAL_LEARNERS = ("gps",)  # learn in one context alone
+LOCAL_LEARNERS = ("gps",)  # learn in one context alone, by local models
+TRACKED_REWARDS = ("translation", "video", "oracle", "joints")  # squared distances, which they need
 SPLITS = ("held-out", "all")
 
 
@@ -140,8 +141,8 @@ class PolicyConfig(LearnerConfig):
 
     learner: str = option(
         "trpo",
-        "Learning algorithm; gps, guided policy search's local one, takes fewer rollouts by far (its --kl: a control "
-        "step, adapted on the way), and --reward translation, video or oracle.",
+        "Learning algorithm. gps (guided policy search's local one) needs far fewer episodes, has defaults of its own, "
+        f"and takes --reward {', '.join(TRACKED_REWARDS)}; its --kl is a first value, adapted on the way.",
         LEARNERS + LOCAL_LEARNERS,
     )
     # Wide at first: with 0.6 in place of 1.6 some runs settle in a posture that hides the arm, and never leave it.

@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 from artifacts import Artifact
-from stages.rewards.frames import FrameReward
+from stages.rewards.frames import FrameReward, tracking_cost
 from stages.rewards.translation import TrackingTarget, time_weights
 from stages.simulation.contexts import Contexts
 from stages.simulation.render import RenderPool
@@ -68,11 +68,7 @@ class ProjectedTrackingReward(FrameReward):
         self._frame_weights = time_weights(ramp, task.frames)
         self._frame_targets = self._project(target)
         self.components = self._basis.shape[1]
-        shown = np.minimum(np.arange(task.control_steps + 1) // task.frame_every, task.frames - 1)
-        self.targets = self._frame_targets[shown]
-        self.cost_weights = np.zeros(task.control_steps + 1)
-        steps = np.arange(1, task.frames) * task.frame_every
-        self.cost_weights[steps] = 2 * self._frame_weights[1:]
+        self.targets, self.cost_weights = tracking_cost(task, self._frame_targets, self._frame_weights)
         self._seen = np.empty((0, self.components))
 
     def _project(self, embeddings: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from artifacts import UsageError
-from stages.configs import LearnerConfig
+from stages.configs import TRACKED_REWARDS, LearnerConfig
 from stages.learners.environment import EpisodeEnv
 from stages.learners.gps.controller import LinearGaussianController
 from stages.learners.gps.gmm import Mixture
@@ -25,6 +25,7 @@ from stages.rewards.base import TrackingReward
 from stages.seeding import generator
 from stages.simulation.task import State, Task
 
+MOST_STEPS = 200  # control steps an episode: over many more, errors of the dynamics add up to nonsense
 ACTION_COST = 1e-2  # of an action of 1, over the cost that a reward's weights of one give to an error of one
 
 
@@ -42,13 +43,19 @@ class GuidedPolicySearch:
         """Start from actions about zero.
 
         Raises:
-            UsageError: The reward tracks nothing, the task's observation has no clock, or the bound is zero.
+            UsageError: The reward tracks nothing, the observation has no clock, episodes are too long, or the bound is
+                zero.
         """
         reward = env.reward
         if not isinstance(reward, TrackingReward):
-            raise UsageError("--learner gps: expected --reward translation, video or oracle, which track a target")
+            raise UsageError(f"--learner gps: expected --reward {', '.join(TRACKED_REWARDS)}, which track a target")
         if not config.kl > 0:
             raise UsageError("--kl 0 lets --learner gps change nothing: expected more, such as 1")
+        if env.task.control_steps > MOST_STEPS:
+            raise UsageError(
+                f"--learner gps fits dynamics to every control step: expected at most {MOST_STEPS} an episode, "
+                f"{env.task.name} has {env.task.control_steps}; use --learner trpo"
+            )
         if not ends_with_clock(env.task, env.state):
             raise UsageError(
                 f"--learner gps: the controller's time step is read from the clock, which the observation of "

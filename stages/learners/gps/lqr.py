@@ -171,12 +171,14 @@ def on_part(controller: LinearGaussianController, marginals: Marginals, kept: in
     """
     gains, offsets, covariances = [], [], []
     for t in range(controller.steps):
-        part = marginals.state_covariance[t, :kept, :kept]
-        part = part + np.diag(1e-6 * (np.diag(part) + 1e-6))
-        cross = marginals.cross[t, :kept]
-        gain = np.linalg.solve(part, cross).T
-        covariance = marginals.action_covariance[t] - gain @ cross
+        spread = marginals.state_covariance[t]
+        part = spread[:kept, :kept] + np.diag(1e-6 * (np.diag(spread)[:kept] + 1e-6))
+        gain = np.linalg.solve(part, marginals.cross[t, :kept]).T
         gains.append(gain)
         offsets.append(marginals.action_mean[t] - gain @ marginals.state_mean[t, :kept])
-        covariances.append((covariance + covariance.T) / 2)
+        # As the noise of old and what the rest would have told, so that rounding leaves it positive.
+        left = spread - spread[:, :kept] @ np.linalg.solve(part, spread[:kept])
+        told, directions = np.linalg.eigh((left + left.T) / 2)
+        root = controller.gains[t] @ directions * np.sqrt(np.maximum(told, 0))
+        covariances.append(controller.covariances[t] + root @ root.T)
     return LinearGaussianController(np.stack(gains), np.stack(offsets), np.stack(covariances))

@@ -185,7 +185,11 @@ def test_refusals_are_one_line():
         def observe(self, state):
             return super().observe(state)[:, :-1]
 
+    class Long(Reach):
+        control_steps = 1000
+
     cases = [
+        (lambda: environment(task=Long()), CONFIG, "at most 200"),
         (lambda: environment(reward=OracleReward(Reach())), CONFIG, "expected --reward translation"),
         (lambda: environment(task=Timeless()), CONFIG, "clock"),
         (environment, dataclasses.replace(CONFIG, kl=0.0), "--kl 0"),
@@ -202,9 +206,9 @@ def test_refusals_are_one_line():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"reward": "gail"}, "expected --reward translation, video or oracle"),
-        ({"reward": "pretrained"}, "expected --reward translation, video or oracle"),
-        ({"reward": "joints"}, "expected --reward translation, video or oracle"),
+        ({"reward": "gail"}, "expected --reward translation, video, oracle, joints"),
+        ({"reward": "pretrained"}, "expected --reward translation, video, oracle, joints"),
+        ({"reward": "tpil"}, "expected --reward translation, video, oracle, joints"),
         ({"negatives": 5}, "--negatives"),
     ],
 )
