@@ -17,7 +17,7 @@ from artifacts import (
     write_mp4,
 )
 from stages.checkpoints import Checkpoints
-from stages.configs import REWARD_TERMS, PolicyConfig
+from stages.configs import LOCAL_LEARNERS, REWARD_TERMS, TRACKED_REWARDS, PolicyConfig
 from stages.make_reward import make_reward
 from stages.run import RunOptions, StageResult, environment, full_config, pick_device, pick_workers
 from stages.simulation.contexts import Contexts, repeat
@@ -102,6 +102,16 @@ def _check(config: PolicyConfig) -> None:
         raise UsageError("--without feat --without img leaves no reward to learn from: keep one of the two")
     if config.negatives and (config.reward != "translation" or "feat" in config.without):
         raise UsageError("--negatives tunes the features of --reward translation: use it with them, or leave it out")
+    if config.learner in LOCAL_LEARNERS and config.reward not in TRACKED_REWARDS:
+        raise UsageError(
+            f"--learner {config.learner} --reward {config.reward}: expected --reward {', '.join(TRACKED_REWARDS)}, "
+            "whose squared distances it can track"
+        )
+    if config.negatives and config.learner in LOCAL_LEARNERS:
+        raise UsageError(
+            f"--negatives changes the features that --learner {config.learner} has in its state: leave one of the two "
+            "out"
+        )
     learns = "--negatives" if config.negatives else f"--reward {config.reward}"
     if (config.negatives or config.reward in ("gail", "tpil")) and (config.patience or config.learner == "sac"):
         raise UsageError(

@@ -14,7 +14,9 @@ from stages.simulation.contexts import Contexts, repeat
 from stages.simulation.task import Task
 
 if TYPE_CHECKING:
+    from stages.rewards.translation import TrackingTarget
     from stages.simulation.render import RenderPool
+    from stages.translation.networks import Translator
 
 EXPERTS = 1024  # demonstrations that a discriminator sees
 TRACKED = 128  # demonstrations whose pretrained features are averaged
@@ -35,10 +37,12 @@ def make_reward(
         UsageError: An option of the reward makes no sense.
     """
     from stages.rewards.joints import JointsReward
-    from stages.rewards.state import OracleReward
+    from stages.rewards.state import GoalReward, OracleReward
     from stages.simulation.render import RenderPool
 
     ramp = task.ramp if config.ramp == "task" else config.ramp
+    if config.reward == "oracle" and config.learner == "gps":
+        return GoalReward(task, contexts)
     if config.reward == "oracle":
         return OracleReward(task)
     if config.reward == "joints":
@@ -81,12 +85,41 @@ def _translation(
         )
     target = TrackingTarget.of(source, config.blur, device, expert=config.reward == "video")
     model = load_translator(source.parent("translator", check=True), device)
+    if config.learner == "gps":
+        return _projected(config, task, source, contexts, pool(), model, target, ramp)
     tuning = None
     if config.negatives:
         tuning = NegativeTuning(model, target, source["images"], config.negatives, seed, device)
     return BatchTranslationReward(
         task, contexts, model, target, pool(), config.without, config.image_weight, ramp, device, tuning
     )
+
+
+def _projected(
+    config: PolicyConfig,
+    task: Task,
+    source: Artifact,
+    contexts: Contexts,
+    pool: RenderPool,
+    model: Translator,
+    target: TrackingTarget,
+    ramp: str,
+) -> Any:
+    """The tracking as a squared distance of some few numbers, for guided policy search."""
+    import torch
+
+    from stages.rewards.projected import ProjectedTrackingReward, embedded_translations, embedding
+    from stages.translation.networks import to_images
+
+    embed = embedding(target, config.without, config.image_weight)
+    goal, examples = embedded_translations(source, embed, target)
+
+    @torch.no_grad()
+    def see(frames: np.ndarray) -> np.ndarray:
+        images = to_images(torch.from_numpy(frames).to(target.features.device))
+        return embed(model.encode(images), images).double().cpu().numpy()
+
+    return ProjectedTrackingReward(task, contexts, pool, see, goal, examples, ramp)
 
 
 def _adversarial(

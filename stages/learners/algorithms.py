@@ -1,4 +1,4 @@
-"""The learners behind one interface: TRPO, PPO and SAC of Stable-Baselines3, made from one configuration."""
+"""The learners behind one interface, made from one configuration: TRPO, PPO and SAC of Stable-Baselines3, and GPS."""
 
 from __future__ import annotations
 
@@ -13,12 +13,16 @@ from stable_baselines3.common.logger import Logger
 
 from stages.configs import LearnerConfig
 from stages.learners.environment import EpisodeEnv
+from stages.learners.gps.learner import GuidedPolicySearch
 
+Learner = BaseAlgorithm | GuidedPolicySearch
 SAC_ROLLOUT = 50  # control steps at most between SAC's updates
 
 
-def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int) -> BaseAlgorithm:
-    """A Stable-Baselines3 algorithm over `env`, silent (the caller logs), seeded."""
+def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int) -> Learner:
+    """A learner over `env`, silent (the caller logs), seeded."""
+    if config.learner == "gps":
+        return GuidedPolicySearch(config, env, seed)
     steps = env.task.control_steps
     samples = steps * env.num_envs
     batch = next(k for k in range(max(samples // 10, 2), samples + 1) if samples % k == 0)
@@ -76,10 +80,12 @@ def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int) -> BaseAlgor
     return model
 
 
-def learner_state(model: BaseAlgorithm) -> dict[str, Any]:
+def learner_state(model: Learner) -> dict[str, Any]:
     """Everything that decides how learning goes on, as a tree of arrays and numbers."""
     from stages.state import to_tree
 
+    if isinstance(model, GuidedPolicySearch):
+        return model.state()
     variables = model._get_torch_save_params()[1]
     state = {
         "parameters": to_tree(model.get_parameters()),
@@ -98,10 +104,13 @@ def learner_state(model: BaseAlgorithm) -> dict[str, Any]:
     return state
 
 
-def restore_learner(model: BaseAlgorithm, state: dict[str, Any]) -> None:
+def restore_learner(model: Learner, state: dict[str, Any]) -> None:
     """Put `learner_state` back, bit for bit."""
     from stages.state import from_tree
 
+    if isinstance(model, GuidedPolicySearch):
+        model.restore(state)
+        return
     model.set_parameters(from_tree(state["parameters"]), exact_match=True, device=model.device)
     for name, value in from_tree(state["variables"]).items():
         getattr(model, name).data.copy_(value)

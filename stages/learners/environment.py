@@ -24,6 +24,9 @@ class EpisodeEnv(VecEnv):
 
     Attributes:
         episode: Number of the episode that the next `reset` starts.
+        state: Where the simulations are: at an episode's end, where the next one starts.
+        final: Where the last episode ended.
+        contexts: The running episode's contexts.
         distances: Normalised final distances (nsim,) of the episodes that ended since the last `pop_distances`.
     """
 
@@ -46,24 +49,25 @@ class EpisodeEnv(VecEnv):
         self._draw_contexts = contexts
         self._expert = expert
         self._simulation = BatchSimulation(task, nsim, nthread)
-        self._contexts: Contexts = {}
+        self.contexts: Contexts = {}
         self._distances: list[np.ndarray] = []
         self._actions = np.zeros((nsim, task.action_size))
         self._step = 0
         self.distances: list[np.ndarray] = []
         self.observation_size = self._reset_all().shape[1]
+        self.final = self.state
         self.episode = 0
         observation_space = spaces.Box(-np.inf, np.inf, (self.observation_size,), np.float32)
         super().__init__(nsim, observation_space, spaces.Box(-1.0, 1.0, (task.action_size,), np.float32))
 
     def _observe(self, state: State) -> np.ndarray:
-        return self.task.observe_expert(state, self._contexts) if self._expert else self.task.observe(state)
+        return self.task.observe_expert(state, self.contexts) if self._expert else self.task.observe(state)
 
     def _reset_all(self) -> np.ndarray:
         rng = generator(self._seed, "episode", self.episode)
-        self._contexts = self._draw_contexts(rng, self._simulation.nsim)
-        state = self._simulation.reset(*self.task.draw_states(rng, self._contexts))
-        self._distances = [self.task.distance(state, self._contexts)]
+        self.contexts = self._draw_contexts(rng, self._simulation.nsim)
+        state = self.state = self._simulation.reset(*self.task.draw_states(rng, self.contexts))
+        self._distances = [self.task.distance(state, self.contexts)]
         self._step = 0
         self.episode += 1
         return self._observe(state)
@@ -75,19 +79,20 @@ class EpisodeEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        state = self._simulation.step(self._actions)
+        state = self.state = self._simulation.step(self._actions)
         self._step += 1
-        rewards = self.reward(self._step, state, self._actions, self._contexts)
+        rewards = self.reward(self._step, state, self._actions, self.contexts)
         done = self._step == self.task.control_steps
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         observation = self._observe(state)
-        self._distances.append(self.task.distance(state, self._contexts))
+        self._distances.append(self.task.distance(state, self.contexts))
         if done:
             initial, final = self.task.outcome(np.stack(self._distances, axis=1))
             self.distances.append(final / initial)
             for info, last in zip(infos, observation, strict=True):
                 info["terminal_observation"] = last
                 info["TimeLimit.truncated"] = self.task.truncates
+            self.final = state
             observation = self._reset_all()
         return observation, rewards.astype(np.float32), np.full(self.num_envs, done), infos
 

@@ -6,14 +6,14 @@ import time
 from pathlib import Path
 
 import numpy as np
-from stable_baselines3.common.base_class import BaseAlgorithm
 
 from artifacts import sibling
 from stages.board import TensorBoard
 from stages.checkpoints import Checkpoints
 from stages.configs import LearnerConfig
-from stages.learners.algorithms import learner_state, make_learner, restore_learner
+from stages.learners.algorithms import Learner, learner_state, make_learner, restore_learner
 from stages.learners.environment import EpisodeEnv
+from stages.learners.gps.learner import GuidedPolicySearch
 from stages.run import RunOptions
 from stages.seeding import integer
 
@@ -28,7 +28,7 @@ def learn(
     out: Path,
     stage: str,
     checkpoints: Checkpoints,
-) -> tuple[BaseAlgorithm, Curve]:
+) -> tuple[Learner, Curve]:
     """Run all iterations, from the checkpoint if the run resumes one.
 
     Small networks on small batches are fastest, and resume bit for bit, on the CPU: that is where learners live.
@@ -100,8 +100,10 @@ def is_flat(returns: list[float], patience: int) -> bool:
     return bool(last - before <= FLAT * np.ptp(returns))
 
 
-def action_std(model: BaseAlgorithm) -> float:
+def action_std(model: Learner) -> float:
     """Mean standard deviation of the policy's actions, where it has a state-independent one."""
+    if isinstance(model, GuidedPolicySearch):
+        return model.controller.std()
     log_std = getattr(model.policy, "log_std", None)
     return float(log_std.detach().exp().mean()) if log_std is not None else float("nan")
 

@@ -7,16 +7,20 @@ from typing import Any
 import numpy as np
 import torch
 from gymnasium import spaces
-from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
 from stable_baselines3.sac.policies import SACPolicy
 
 from artifacts import Artifact, ArtifactError
+from stages.learners.algorithms import Learner
+from stages.learners.gps.controller import LinearGaussianController
+from stages.learners.gps.learner import GuidedPolicySearch
 from stages.state import from_tree, to_tree
 
 
-def policy_weights(model: BaseAlgorithm) -> dict[str, np.ndarray]:
-    """The weights of a learner's policy, named as in its state dict, under `weights/`."""
+def policy_weights(model: Learner) -> dict[str, np.ndarray]:
+    """The weights of a learner's policy, named as in its state dict, under `weights/`; of GPS, its controller's."""
+    if isinstance(model, GuidedPolicySearch):
+        return {f"weights/{name}": values for name, values in model.own.arrays().items()}
     return {f"weights/{name}": value for name, value in to_tree(model.policy.state_dict()).items()}
 
 
@@ -27,8 +31,10 @@ class Policy:
         self._network = network.eval()
 
     @classmethod
-    def of(cls, model: BaseAlgorithm) -> Policy:
+    def of(cls, model: Learner) -> Policy:
         """The policy that a learner has now (shared, not copied)."""
+        if isinstance(model, GuidedPolicySearch):
+            return ControllerPolicy(model.own)
         return cls(model.policy)
 
     @classmethod
@@ -39,6 +45,8 @@ class Policy:
             ArtifactError: The weights do not fit the network that the artifact's configuration describes.
         """
         config = artifact.config
+        if config["learner"] == "gps":
+            return ControllerPolicy.load(artifact)
         observation = spaces.Box(-np.inf, np.inf, (config["observation_size"],), np.float32)
         action = spaces.Box(-1.0, 1.0, (config["action_size"],), np.float32)
         kwargs: dict[str, Any] = {"net_arch": [config["hidden"], config["hidden"]]}
@@ -64,3 +72,41 @@ class Policy:
             with torch.random.fork_rng(devices=[]):
                 torch.manual_seed(int(torch.randint(2**62, (), generator=noise)))
                 return self._network.predict(observation, deterministic=False)[0]
+
+
+class ControllerPolicy(Policy):
+    """A time-varying linear-Gaussian controller as a policy: the clock, last in an observation, tells its time step."""
+
+    def __init__(self, controller: LinearGaussianController):
+        self._controller = controller
+
+    @classmethod
+    def load(cls, artifact: Artifact) -> ControllerPolicy:
+        """The controller that a policy artifact of GPS holds.
+
+        Raises:
+            ArtifactError: Its arrays are not those of one controller, or not of the configuration's sizes.
+        """
+        config = artifact.config
+        weights = {name.removeprefix("weights/"): values for name, values in artifact.group("weights").items()}
+        try:
+            controller = LinearGaussianController.from_arrays(weights)
+        except (KeyError, ValueError) as error:  # LinAlgError is a ValueError.
+            raise ArtifactError(f"{artifact.path}: its weights are no controller ({error})") from error
+        sizes = (config["action_size"], config["observation_size"] - 1)
+        if controller.gains.shape[1:] != sizes:
+            raise ArtifactError(
+                f"{artifact.path}: gains of {controller.gains.shape[1:]}, expected {sizes}, actions by observations"
+            )
+        return cls(controller)
+
+    def act(self, observation: np.ndarray, noise: torch.Generator | None = None) -> np.ndarray:
+        """Actions (n, nu) in [-1, 1] for observations (n, D), all at one time: the mean, or drawn with `noise`."""
+        steps = self._controller.steps
+        step = min(round(float(observation[0, -1]) * steps), steps - 1)
+        own = observation[:, :-1].astype(np.float64)
+        if noise is None:
+            return np.clip(self._controller.act(step, own), -1, 1)
+        size = (len(own), self._controller.offsets.shape[1])
+        drawn = torch.randn(size, generator=noise, dtype=torch.float64).numpy()
+        return np.clip(self._controller.sample(step, own, drawn), -1, 1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -35,4 +35,23 @@ class Reward(Protocol):
 
     def close(self) -> None:
         """Free what the reward holds (render processes, networks)."""
+        ...
+
+
+@runtime_checkable
+class TrackingReward(Reward, Protocol):
+    """A reward that is a squared distance in what it sees, as a trajectory-centric learner needs it.
+
+    Its cost after t control steps is 1/2 w_t |z_t - z*_t|^2.
+
+    Attributes:
+        targets: z*_t (control steps + 1, m).
+        cost_weights: w_t (control steps + 1,).
+    """
+
+    targets: np.ndarray
+    cost_weights: np.ndarray
+
+    def tracked(self, step: int, state: State, contexts: Contexts) -> np.ndarray:
+        """z_t (n, m) of `state`, the state after `step` control steps; behind step 0 the reward was called before."""
         ...

@@ -61,3 +61,22 @@ class FrameReward(ABC):
 
     def close(self) -> None:
         self._pool.close()
+
+
+def tracking_cost(task: Task, targets: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Targets and cost weights of a `TrackingReward` whose reward of frame j is -weights[j] |z - targets[j]|^2.
+
+    Between two frames the target stays that of the frame last drawn, and costs nothing; nor does the first frame.
+
+    Args:
+        task: The task.
+        targets: (T, m).
+        weights: (T,).
+
+    Returns:
+        Targets (control steps + 1, m) and weights (control steps + 1,).
+    """
+    shown = np.minimum(np.arange(task.control_steps + 1) // task.frame_every, task.frames - 1)
+    cost_weights = np.zeros(task.control_steps + 1)
+    cost_weights[np.arange(1, task.frames) * task.frame_every] = 2 * weights[1:]
+    return targets[shown], cost_weights

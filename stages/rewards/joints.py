@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from stages.rewards.frames import tracking_cost
 from stages.rewards.state import StateReward
 from stages.rewards.translation import time_weights
 from stages.simulation.contexts import Contexts
@@ -27,6 +28,7 @@ class JointsReward(StateReward):
         self._target = demonstration[:, self._driven]
         self._scale = max(float(np.square(self._target - self._target[0]).sum()), 1e-6)
         self._weights = time_weights(ramp, task.frames)
+        self.targets, self.cost_weights = tracking_cost(task, self._target, self._weights / self._scale)
 
     def reward(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
         frame, between = divmod(step, self._task.frame_every)
@@ -34,3 +36,6 @@ class JointsReward(StateReward):
             return np.zeros(len(state.qpos))
         error = np.square(state.qpos[:, self._driven] - self._target[frame]).sum(axis=1)
         return -self._weights[frame] * error / self._scale
+
+    def tracked(self, step: int, state: State, contexts: Contexts) -> np.ndarray:
+        return state.qpos[:, self._driven]

@@ -70,3 +70,28 @@ class OracleReward(StateReward):
             return np.zeros(len(state.qpos))
         initial, final = self._task.outcome(np.stack(self._distances, axis=1))
         return -final / initial
+
+
+class GoalReward(OracleReward):
+    """The oracle for a learner of quadratic costs: beside its return, the task's error as a vector, to track zero.
+
+    The cost is the squared error over that of the context's own start, at every control step. A quadratic cost in the
+    last step alone would leave the way there to the penalty on actions.
+    """
+
+    def __init__(self, task: Task, contexts: Contexts):
+        """Measure the start of `contexts` (leading axis 1).
+
+        Raises:
+            UsageError: The task defines no error.
+        """
+        from stages.simulation.batch import BatchSimulation
+
+        super().__init__(task)
+        start = BatchSimulation(task, 1, 1).reset(*task.context_state(contexts))
+        error = task.goal_error(start, contexts)
+        self.targets = np.zeros((task.control_steps + 1, error.shape[1]))
+        self.cost_weights = np.full(task.control_steps + 1, 1 / max(float(np.square(error).sum()), 1e-12))
+
+    def tracked(self, step: int, state: State, contexts: Contexts) -> np.ndarray:
+        return self._task.goal_error(state, contexts)

@@ -91,6 +91,13 @@ class TrackingTarget:
         """Squared distances (B,) of features (B, D) from the target's at the index or indices `frames`, scaled."""
         return (features - self.features[frames]).square().sum(dim=1) / self.feature_scale
 
+    def image_parts(self, images: Tensor) -> list[Tensor]:
+        """What `image_error` compares of images (B, 3, H, W): and with `blur` blurred ones, over scales' roots."""
+        parts = [images / self.image_scale**0.5]
+        if self.blurs:
+            parts.append(gaussian(images, self.blur) / self._blurred[1] ** 0.5)
+        return parts
+
     def image_error(self, images: Tensor, frames: int | Tensor) -> Tensor:
         """Squared distances (B,) of images (B, 3, H, W) from the target's, scaled; with `blur`, of blurred ones too."""
         error = (images - self.images[frames]).square().sum(dim=(1, 2, 3)) / self.image_scale

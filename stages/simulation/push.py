@@ -155,6 +155,11 @@ class Push(Task):
         speed = np.square(state.qvel[:, :3]).sum(axis=1)
         return near - 2.0 * distance - 0.5 * away - 0.01 * effort - 0.02 * near * speed
 
+    def goal_error(self, state: State, contexts: Contexts) -> np.ndarray:
+        """From the goal to the cylinder; from where the hand has to push to the hand, which counts for a quarter."""
+        hand, cylinder, goal = state.site_xpos[:, 0, :2], state.qpos[:, 3:], contexts["goal"]
+        return np.concatenate([cylinder - goal, 0.5 * (hand - _behind(cylinder, goal))], axis=1)
+
     def distance(self, state: State, contexts: Contexts) -> np.ndarray:
         """From the cylinder to the goal, in the table's plane."""
         return np.linalg.norm(state.qpos[:, 3:] - contexts["goal"], axis=1)

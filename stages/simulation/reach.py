@@ -114,6 +114,10 @@ class Reach(Task):
         near = np.exp(-np.square(distance / 0.1))
         return near - distance - 0.01 * effort - 0.02 * near * speed
 
+    def goal_error(self, state: State, contexts: Contexts) -> np.ndarray:
+        """From the disc's centre to the hand."""
+        return state.site_xpos[:, 0, :2] - contexts["goal"]
+
     def distance(self, state: State, contexts: Contexts) -> np.ndarray:
         """From the hand to the disc's centre, in the table's plane."""
         return np.linalg.norm(state.site_xpos[:, 0, :2] - contexts["goal"], axis=1)

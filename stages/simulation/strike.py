@@ -123,6 +123,11 @@ class Strike(Task):
         hand_to_ball = np.linalg.norm(state.site_xpos[:, 0, :2] - state.qpos[:, 4:], axis=1)
         return near - 2.0 * miss - 0.1 * np.minimum(hand_to_ball, 0.3) - 0.01 * effort - 0.02 * near * speed
 
+    def goal_error(self, state: State, contexts: Contexts) -> np.ndarray:
+        """From the target to where the ball will come to rest; from the ball to the hand, which counts little."""
+        to_hand = state.site_xpos[:, 0, :2] - state.qpos[:, 4:]
+        return np.concatenate([_rest(state) - contexts["goal"], 0.1 * to_hand], axis=1)
+
     def distance(self, state: State, contexts: Contexts) -> np.ndarray:
         """From the ball to the target's centre, in the table's plane."""
         return np.linalg.norm(state.qpos[:, 4:] - contexts["goal"], axis=1)

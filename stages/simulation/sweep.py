@@ -114,6 +114,10 @@ class Sweep(Task):
         speed = np.square(state.qvel[:, :3]).sum(axis=1)
         return inside - 2.0 * away.mean(axis=1) - 0.01 * effort - 0.02 * inside * speed
 
+    def goal_error(self, state: State, contexts: Contexts) -> np.ndarray:
+        """From the inside of the pan to each ball; zero inside."""
+        return _apart(_balls(state)).reshape(len(state.qpos), -1)
+
     def distance(self, state: State, contexts: Contexts) -> np.ndarray:
         """Mean over the balls of the distance to the inside of the pan, in the table's plane; zero inside."""
         return _outside(_balls(state)).mean(axis=1)
@@ -126,5 +130,10 @@ def _balls(state: State) -> np.ndarray:
 
 def _outside(points: np.ndarray) -> np.ndarray:
     """Distance of points (..., 2) to the inside of the pan: where a ball has passed the pan's open side whole."""
+    return np.linalg.norm(_apart(points), axis=-1)
+
+
+def _apart(points: np.ndarray) -> np.ndarray:
+    """From the nearest point inside the pan to points (..., 2)."""
     high = PAN_HIGH - np.array([0.0, BALL_RADIUS])
-    return np.linalg.norm(np.maximum(np.maximum(PAN_LOW - points, points - high), 0.0), axis=-1)
+    return points - np.clip(points, PAN_LOW, high)

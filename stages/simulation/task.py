@@ -150,6 +150,19 @@ class Task(ABC):
     def distance(self, state: State, contexts: Contexts) -> np.ndarray:
         """Distance (n,) of the task's object to its goal, metres (tasks of the suite: 1 - reward)."""
 
+    def goal_error(self, state: State, contexts: Contexts) -> np.ndarray:
+        """How far from done, as a vector (n, m) that is zero once all is done: for learners of quadratic costs.
+
+        The squared norm of its first part is the squared distance; what must be done on the way may follow.
+
+        Raises:
+            UsageError: The task does not say.
+        """
+        raise UsageError(
+            f"task {self.name} does not define goal_error, the error as a vector, which --learner gps needs beside "
+            "--reward oracle; use --learner trpo"
+        )
+
     def outcome(self, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What an episode is judged by: initial and final distance (n,), of the distances (n, control steps + 1)."""
         return distance[:, 0], distance[:, -1]

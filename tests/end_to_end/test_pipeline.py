@@ -96,6 +96,7 @@ def test_a_report_tells_of_the_whole_pipeline(toy, ifo, tmp_path):
         ("--reward", "tpil", "--discriminator-steps", "2"),
         ("--reward", "joints"),
         ("--learner", "ppo"),
+        ("--learner", "gps"),
     ],
     ids=lambda option: option[1],
 )

@@ -74,6 +74,13 @@ def test_repeated_option(run_ifo, calls, make):
     assert all(type(loss) is str for loss in config.without)
 
 
+def test_a_learner_brings_its_own_defaults_and_what_is_given_wins(run_ifo, calls, make):
+    path = make("translation", preset="quick")
+    assert run_ifo("learn-policy", path, "--learner", "gps", "--kl", "0.3")[0] == 0
+    config = calls[0][1][0]
+    assert (config.learner, config.episodes, config.kl) == ("gps", 10, 0.3)
+
+
 def test_expert_is_a_parent(run_ifo, calls, make):
     path = make("expert", preset="toy", seed=5)
     assert run_ifo("collect-demos", "reach", "--expert", path)[0] == 0
@@ -104,6 +111,7 @@ def test_out_folder_is_made(run_ifo, calls, tmp_path):
     [
         ("collect-demos raech", ["raech", "did you mean reach", "expected one of reach"]),
         ("collect-demos", ["task"]),
+        ("train-expert reach --learner gps", ["--learner", "gps", "trpo"]),
         ("collect-demos reach --n 1", ["--n", "2"]),
         ("collect-demos reach --n many", ["--n", "integer"]),
         ("collect-demos reach --contexts wide", ["--contexts", "wide", "paper", "narrow", "fixed"]),

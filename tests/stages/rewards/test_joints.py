@@ -27,3 +27,14 @@ def test_following_returns_nothing_and_standing_still_minus_one():
     object_elsewhere = path.copy()
     object_elsewhere[:, 3:] = -1.0
     assert returns(reward, task, object_elsewhere) == 0.0
+
+
+def test_the_cost_that_is_tracked_is_the_reward():
+    task = Push()
+    rng = np.random.default_rng(0)
+    path = np.cumsum(0.1 * rng.standard_normal((task.frames, 5)), axis=0)
+    moved = path + 0.1 * rng.standard_normal(path.shape)
+    reward = JointsReward(task, path, ramp="quadratic")
+    apart = np.square(moved[:, :3] - reward.targets[: task.control_steps : task.frame_every]).sum(axis=1)
+    cost = 0.5 * (reward.cost_weights[: task.control_steps : task.frame_every] * apart).sum()
+    np.testing.assert_allclose(returns(reward, task, moved), -cost)

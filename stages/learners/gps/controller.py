@@ -1,0 +1,68 @@
+"""Time-varying linear-Gaussian controllers, u_t ~ N(K_t x_t + k_t, C_t)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class LinearGaussianController:
+    """A controller of T control steps.
+
+    Attributes:
+        gains: K_t (T, du, dx).
+        offsets: k_t (T, du).
+        covariances: C_t (T, du, du).
+    """
+
+    gains: np.ndarray
+    offsets: np.ndarray
+    covariances: np.ndarray
+
+    @classmethod
+    def constant(cls, steps: int, state_size: int, action_size: int, std: float) -> LinearGaussianController:
+        """A controller that knows nothing: actions about zero of standard deviation `std`, whatever the state."""
+        covariance = std**2 * np.eye(action_size)
+        return cls(
+            np.zeros((steps, action_size, state_size)),
+            np.zeros((steps, action_size)),
+            np.tile(covariance, (steps, 1, 1)),
+        )
+
+    @classmethod
+    def from_arrays(cls, arrays: dict[str, np.ndarray]) -> LinearGaussianController:
+        """The controller that `arrays` made.
+
+        Raises:
+            KeyError: An array is missing.
+            ValueError: They do not fit each other, or a covariance is none.
+        """
+        made = cls(*(np.asarray(arrays[name], np.float64) for name in ("gains", "offsets", "covariances")))
+        steps, action_size = made.offsets.shape
+        if made.gains.shape[:2] != (steps, action_size) or made.covariances.shape != (steps, action_size, action_size):
+            raise ValueError(f"gains {made.gains.shape}, offsets {made.offsets.shape}: not of one controller")
+        np.linalg.cholesky(made.covariances)
+        return made
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What artifacts and checkpoints hold."""
+        return {"gains": self.gains, "offsets": self.offsets, "covariances": self.covariances}
+
+    @property
+    def steps(self) -> int:
+        """T."""
+        return len(self.offsets)
+
+    def act(self, step: int, states: np.ndarray) -> np.ndarray:
+        """Mean actions (n, du) at control step `step` in states (n, dx)."""
+        return states @ self.gains[step].T + self.offsets[step]
+
+    def sample(self, step: int, states: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        """Actions (n, du) at control step `step` in states (n, dx), of standard normal noise (n, du)."""
+        return self.act(step, states) + noise @ np.linalg.cholesky(self.covariances[step]).T
+
+    def std(self) -> float:
+        """Mean standard deviation of the actions."""
+        return float(np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2)).mean())

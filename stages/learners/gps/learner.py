@@ -1,0 +1,153 @@
+"""Guided policy search as a learner beside those of Stable-Baselines3: rollouts, updates, and what is kept of them.
+
+The controller acts on the state x that the paper gives it (Sec. V.B): the robot's own observation without the clock,
+and what the reward tracks, such as image features. What is learned in the end is to run where nothing is tracked: so
+beside it stands the controller's best approximation on the robot's own observation alone, the conditional distribution
+of its actions given that observation, in closed form under the fitted dynamics. That one is what a policy artifact
+holds and what is evaluated; the curve shows rollouts of the controller itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from artifacts import UsageError
+from stages.configs import TRACKED_REWARDS, LearnerConfig
+from stages.learners.environment import EpisodeEnv
+from stages.learners.gps.controller import LinearGaussianController
+from stages.learners.gps.gmm import Mixture
+from stages.learners.gps.gps import Improvement, Search, iterate
+from stages.learners.gps.lqr import QuadraticCost, on_part
+from stages.rewards.base import TrackingReward
+from stages.seeding import generator
+from stages.simulation.task import State, Task
+
+MOST_STEPS = 200  # control steps an episode: over many more, errors of the dynamics add up to nonsense
+ACTION_COST = 1e-2  # of an action of 1, over the cost that a reward's weights of one give to an error of one
+
+
+class GuidedPolicySearch:
+    """Learns a time-varying linear-Gaussian controller in one context.
+
+    Attributes:
+        env: Where rollouts are made; all of its simulations share one context.
+        num_timesteps: Control steps taken so far, of all simulations.
+        own: The controller on the robot's own observation.
+        last: What the last iteration found; None before the first.
+    """
+
+    def __init__(self, config: LearnerConfig, env: EpisodeEnv, seed: int):
+        """Start from actions about zero.
+
+        Raises:
+            UsageError: The reward tracks nothing, the observation has no clock, episodes are too long, or the bound is
+                zero.
+        """
+        reward = env.reward
+        if not isinstance(reward, TrackingReward):
+            raise UsageError(f"--learner gps: expected --reward {', '.join(TRACKED_REWARDS)}, which track a target")
+        if not config.kl > 0:
+            raise UsageError("--kl 0 lets --learner gps change nothing: expected more, such as 1")
+        if env.task.control_steps > MOST_STEPS:
+            raise UsageError(
+                f"--learner gps fits dynamics to every control step: expected at most {MOST_STEPS} an episode, "
+                f"{env.task.name} has {env.task.control_steps}; use --learner trpo"
+            )
+        if not ends_with_clock(env.task, env.state):
+            raise UsageError(
+                f"--learner gps: the controller's time step is read from the clock, which the observation of "
+                f"{env.task.name} does not end with; use --learner trpo"
+            )
+        self._reward = reward
+        self._config, self._seed = config, seed
+        self.env = env
+        self.num_timesteps = 0
+        self._size = env.observation_size - 1
+        steps, tracked = env.task.control_steps, reward.targets.shape[1]
+        std = float(np.exp(config.log_std))
+        first = LinearGaussianController.constant(steps, self._size + tracked, env.task.action_size, std)
+        self._search = Search(first)
+        penalty = ACTION_COST * np.eye(env.task.action_size)
+        self._cost = QuadraticCost.tracking(self._size + tracked, reward.targets, reward.cost_weights, penalty)
+        self.own = LinearGaussianController.constant(steps, self._size, env.task.action_size, std)
+        self.last: Improvement | None = None
+        self._iterations = 0
+        self._fresh = False
+
+    @property
+    def controller(self) -> LinearGaussianController:
+        """What makes the next rollouts, on the whole state."""
+        return self._search.controller
+
+    def learn(self, total_timesteps: int, reset_num_timesteps: bool = False) -> GuidedPolicySearch:
+        """One episode of every simulation, and one update; named and called as Stable-Baselines3's."""
+        rng = generator(self._seed, "gps", self._iterations)
+        states, actions = self.rollouts(rng)
+        self._search, self.last = iterate(self._search, states, actions, self._cost, self._config.kl, rng)
+        self.own = on_part(self.controller, self.last.marginals, self._size)
+        self._iterations += 1
+        self.num_timesteps += actions.shape[0] * actions.shape[1]
+        return self
+
+    def rollouts(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """States (N, T + 1, dx) and actions (N, T, du) of one episode of every simulation under the controller."""
+        env, controller = self.env, self.controller
+        if not self._fresh:
+            env.reset()  # What the environment was made with is no numbered episode.
+            self._fresh = True
+        states, actions = [self._state(0, env.state)], []
+        for step in range(controller.steps):
+            noise = rng.standard_normal((env.num_envs, env.task.action_size))
+            actions.append(controller.sample(step, states[-1], noise))
+            _, _, done, _ = env.step(actions[-1])
+            states.append(self._state(step + 1, env.final if done[0] else env.state))
+        return np.stack(states, axis=1), np.stack(actions, axis=1)
+
+    def _state(self, step: int, state: State) -> np.ndarray:
+        """x (n, dx) after `step` control steps."""
+        own = self.env.task.observe(state)[:, :-1].astype(np.float64)
+        return np.concatenate([own, self._reward.tracked(step, state, self.env.contexts)], axis=1)
+
+    def state(self) -> dict[str, Any]:
+        """Everything that decides how learning goes on, as a tree of arrays and numbers."""
+        search = self._search
+        return {
+            "controller": search.controller.arrays(),
+            "own": self.own.arrays(),
+            "step": search.step,
+            "states": search.states,
+            "actions": search.actions,
+            "mixture": {} if search.mixture is None else dict(vars(search.mixture)),
+            "foretold": list(search.foretold or ()),
+            "iterations": self._iterations,
+            "samples": self.num_timesteps,
+            "episode": self.env.episode,
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Put `state` back, bit for bit."""
+        self._search = replace(
+            self._search,
+            controller=LinearGaussianController(**state["controller"]),
+            step=state["step"],
+            states=state["states"],
+            actions=state["actions"],
+            mixture=Mixture(**state["mixture"]) if state["mixture"] else None,
+            foretold=(state["foretold"][0], state["foretold"][1]) if state["foretold"] else None,
+        )
+        self.own = LinearGaussianController(**state["own"])
+        self._iterations, self.num_timesteps = state["iterations"], state["samples"]
+        if self._iterations:
+            self.env.episode = state["episode"] - 1  # The running episode was drawn before: draw it again.
+            self.env.reset()
+            self._fresh = True
+
+
+def ends_with_clock(task: Task, state: State) -> bool:
+    """Whether the learner's observation ends with the time over the episode's, and tells it nowhere else."""
+    start, end = (task.observe(replace(state, time=np.full_like(state.time, t))) for t in (0.0, task.horizon))
+    told = (end - start).astype(np.float64)
+    return bool(np.allclose(told[:, :-1], 0, atol=1e-6) and np.allclose(told[:, -1], 1, atol=1e-5))

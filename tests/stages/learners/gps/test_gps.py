@@ -1,0 +1,226 @@
+"""The search meets its bound, learns from few rollouts, resumes bit for bit, and refuses what it cannot do."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+
+from artifacts import ArtifactError, Interrupted, UsageError, pack, read_artifact, unpack, write_artifact
+from stages.checkpoints import Checkpoints
+from stages.configs import LearnerConfig, PolicyConfig, defaults
+from stages.learners import loop
+from stages.learners.algorithms import learner_state, make_learner, restore_learner
+from stages.learners.environment import EpisodeEnv
+from stages.learners.gps.controller import LinearGaussianController
+from stages.learners.gps.gps import STEP_CHANGE, Search, improve, iterate, step_change
+from stages.learners.gps.lqr import backward, forward
+from stages.learners.policy import Policy, policy_weights
+from stages.progress import Progress
+from stages.rewards.state import GoalReward, OracleReward
+from stages.run import RunOptions
+from stages.simulation.batch import rollout
+from stages.simulation.contexts import DISTRIBUTIONS, repeat
+from stages.simulation.reach import Reach
+from stages.simulation.tasks import make_task
+
+CONFIG = LearnerConfig(learner="gps", episodes=10, kl=1.0, log_std=0.0)
+SMALL = dataclasses.replace(CONFIG, episodes=5, iterations=4, checkpoint_every=2)
+
+
+def context_of(task):
+    return task.draw_contexts(np.random.default_rng(3), 1, DISTRIBUTIONS["paper"])
+
+
+def environment(config=CONFIG, task=None, reward=None):
+    task = task or Reach()
+    context = context_of(task)
+    reward = reward or GoalReward(task, context)
+    return EpisodeEnv(task, config.episodes, 0, lambda rng, n: repeat(context, n), reward, nthread=1)
+
+
+def test_the_bound_is_met_and_the_cost_falls_at_every_step_of_a_run(mass, to_place, roll):
+    cost, kl = to_place(12), 0.5
+    search = Search(LinearGaussianController.constant(12, 4, 2, 1.0))
+    costs, bounds = [], []
+    for k in range(8):
+        rng = np.random.default_rng(k)
+        states, actions = roll(mass, search.controller, 0.05 * rng.standard_normal((20, 4)), rng)
+        costs.append(cost.of(states, actions).mean())
+        search, found = iterate(search, states, actions, cost, kl, rng)
+        assert found.bound == pytest.approx(kl * search.step * 12)
+        assert found.divergence <= found.bound
+        if found.binding:
+            assert found.divergence >= 0.95 * found.bound
+        bounds.append(found.binding)
+        assert search.foretold[1] < search.foretold[0]
+    assert bounds[0], "the first step is bounded"
+    best = forward(mass, backward(mass, cost, 1e-6), np.zeros(4), 0.0025 * np.eye(4)).cost(cost)
+    assert costs[0] > 1.5 * best
+    assert costs[-1] < 1.05 * best
+
+
+def test_a_bound_that_does_not_bind_leaves_the_optimum(mass, to_place):
+    cost, old = to_place(12), LinearGaussianController.constant(12, 4, 2, 1.0)
+    found = improve(mass, cost, old, np.zeros(4), 0.01 * np.eye(4), 1e9)
+    assert not found.binding
+    np.testing.assert_allclose(found.controller.gains, backward(mass, cost, 1e-6).gains, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("before", "foretold", "actual", "change"),
+    [(10, 6, 6, 5.0), (10, 6, 8, 1.0), (10, 6, 10, 0.5), (10, 6, 90, 0.1), (10, 6, 1, 5.0)],
+)
+def test_the_step_follows_from_what_came_of_the_last(before, foretold, actual, change):
+    expected = change if change != 0.1 else max(STEP_CHANGE[0], 4 / (2 * 84))
+    assert step_change(before, foretold, actual) == pytest.approx(expected)
+
+
+def test_reach_is_learned_from_100_rollouts_and_the_policy_needs_no_goal(tmp_path):
+    env = environment()
+    model = make_learner(CONFIG, env, 0)
+    left = []
+    for _ in range(10):
+        model.learn(0)
+        left.append(env.pop_distances().mean())
+    assert left[0] > 0.6
+    assert left[-1] < 0.1
+    assert model.num_timesteps == 100 * 50
+    path = write_artifact(
+        tmp_path / "a.policy.h5",
+        "policy",
+        policy_weights(model),
+        config={"learner": "gps", "observation_size": env.observation_size, "action_size": 3},
+        seed=0,
+        command="ifo",
+    )
+    policy, task = Policy.load(read_artifact(path, "policy")), env.task
+    contexts = repeat(context_of(task), 20)
+    start = task.draw_states(np.random.default_rng(9), contexts)
+    ended = rollout(task, contexts, *start, lambda state, _: policy.act(task.observe(state)), 1)
+    assert ended.normalised_distance.mean() < 0.1
+
+
+def test_a_policy_file_of_the_wrong_sizes_is_refused(tmp_path):
+    config = {"learner": "gps", "observation_size": 7, "action_size": 3}
+    arrays = LinearGaussianController.constant(50, 5, 3, 1.0).arrays()
+    cases = [(arrays, "expected"), ({"gains": arrays["gains"]}, "no controller")]
+    cases.append(({**arrays, "covariances": -arrays["covariances"]}, "no controller"))
+    for k, (broken, message) in enumerate(cases):
+        weights = {f"weights/{name}": values for name, values in broken.items()}
+        path = write_artifact(tmp_path / f"{k}.policy.h5", "policy", weights, config=config, seed=0, command="ifo")
+        with pytest.raises(ArtifactError, match=message):
+            Policy.load(read_artifact(path, "policy"))
+
+
+def test_noise_is_drawn_from_the_generator_alone():
+    import torch
+
+    from stages.learners.policy import ControllerPolicy
+
+    policy = ControllerPolicy(LinearGaussianController.constant(50, 6, 3, 0.3))
+    seen = np.zeros((4, 7), np.float32)
+    assert not policy.act(seen).any()
+    same = [policy.act(seen, torch.Generator().manual_seed(1)) for _ in range(2)]
+    np.testing.assert_array_equal(*same)
+    assert same[0].any() and np.abs(same[0]).max() <= 1
+
+
+def test_a_restored_learner_goes_on_bit_for_bit():
+    whole, begun, resumed = (make_learner(SMALL, environment(SMALL), 4) for _ in range(3))
+    for model, times in ((whole, 4), (begun, 2)):
+        for _ in range(times):
+            model.learn(0)
+    restore_learner(resumed, unpack(*pack(learner_state(begun))))
+    for _ in range(2):
+        resumed.learn(0)
+    assert resumed.num_timesteps == whole.num_timesteps == 4 * 5 * 50
+    for one, other in ((whole.own, resumed.own), (whole.controller, resumed.controller)):
+        for name, values in one.arrays().items():
+            np.testing.assert_array_equal(values, other.arrays()[name], err_msg=name)
+
+
+def test_an_interrupted_run_resumes_from_its_checkpoint_with_the_same_curve(tmp_path):
+    def learn(env, name):
+        out = tmp_path / f"{name}.policy.h5"
+        run = RunOptions(progress=Progress(quiet=True), resume=True)
+        model, curve = loop.learn(env, SMALL, run, out, "learn-policy", Checkpoints(run, out, "learn-policy", {}, []))
+        return model.own.arrays(), {name: values for name, values in curve.items() if name != "seconds"}
+
+    whole, curve = learn(environment(SMALL), "whole")
+    env = environment(SMALL)
+    step, taken = env.step_wait, itertools.count(1)
+
+    def stopping():
+        if next(taken) > 3 * env.task.control_steps:
+            raise KeyboardInterrupt
+        return step()
+
+    env.step_wait = stopping
+    with pytest.raises(Interrupted, match="3 of 4 iterations"):
+        learn(env, "parts")
+    parts, resumed = learn(environment(SMALL), "parts")
+    assert resumed == curve
+    assert set(curve) == {"iteration", "samples", "return", "normalised_distance", "success", "action_std"}
+    for name, values in whole.items():
+        np.testing.assert_array_equal(values, parts[name])
+
+
+@pytest.mark.parametrize("name", ["reach", "push", "sweep", "strike"])
+def test_errors_of_tasks_have_the_distance_as_norm(name):
+    """Their first part, that is, at the start; in sweep ball by ball."""
+    task = make_task(name)
+    contexts = repeat(context_of(task), 4)
+    env = EpisodeEnv(task, 4, 0, lambda rng, n: contexts, OracleReward(task), nthread=1)
+    env.reset()
+    error, distance = task.goal_error(env.state, contexts), task.distance(env.state, contexts)
+    if name == "sweep":
+        np.testing.assert_allclose(np.linalg.norm(error.reshape(4, 5, 2), axis=2).mean(axis=1), distance)
+    else:
+        np.testing.assert_allclose(np.linalg.norm(error[:, :2], axis=1), distance)
+
+
+def test_refusals_are_one_line():
+    class Timeless(Reach):
+        def observe(self, state):
+            return super().observe(state)[:, :-1]
+
+    class Long(Reach):
+        control_steps = 1000
+
+    cases = [
+        (lambda: environment(task=Long()), CONFIG, "at most 200"),
+        (lambda: environment(reward=OracleReward(Reach())), CONFIG, "expected --reward translation"),
+        (lambda: environment(task=Timeless()), CONFIG, "clock"),
+        (environment, dataclasses.replace(CONFIG, kl=0.0), "--kl 0"),
+    ]
+    for make, config, message in cases:
+        with pytest.raises(UsageError, match=message) as caught:
+            make_learner(config, make(), 0)
+        assert "\n" not in str(caught.value)
+    task = make_task("dm:reacher-easy", typed=True)
+    with pytest.raises(UsageError, match="goal_error"):
+        GoalReward(task, context_of(task))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"reward": "gail"}, "expected --reward translation, video, oracle, joints"),
+        ({"reward": "pretrained"}, "expected --reward translation, video, oracle, joints"),
+        ({"reward": "tpil"}, "expected --reward translation, video, oracle, joints"),
+        ({"negatives": 5}, "--negatives"),
+    ],
+)
+def test_rewards_that_do_not_fit_are_refused_before_anything_is_read(tmp_path, options, message):
+    from stages.learn_policy import learn_policy
+
+    with pytest.raises(UsageError, match=message):
+        learn_policy(PolicyConfig(learner="gps", **options), RunOptions(), tmp_path / "none.translation.h5")
+
+
+def test_a_learner_has_its_own_defaults():
+    assert defaults("quick", "learn-policy", "reach").episodes == 100
+    gps = defaults("quick", "learn-policy", "strike", "gps")
+    assert (gps.iterations, gps.episodes, gps.image_weight) == (20, 10, 8.0)
+    assert defaults("toy", "learn-policy", "reach", "gps").episodes == 5
