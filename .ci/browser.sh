@@ -2,9 +2,12 @@
 # Install the browser that tests of `ifo report` play videos in, where we may. Without one they are skipped.
 set -euo pipefail
 
-command -v chromium >/dev/null || command -v google-chrome >/dev/null && exit
-[ "$(id -u)" = 0 ] && command -v apt-get >/dev/null || exit 0
+for browser in chromium google-chrome; do
+    if command -v $browser >/dev/null; then exit; fi
+done
+if [ "$(id -u)" != 0 ] || ! command -v apt-get >/dev/null; then exit; fi
 echo "setup: installing chromium to test reports with" >&2
-apt-get update -qq
-DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends chromium >/dev/null ||
+export DEBIAN_FRONTEND=noninteractive
+if ! { apt-get update -qq && apt-get install -qq -y --no-install-recommends chromium; } >/dev/null; then
     echo "setup: chromium cannot be installed: tests that need it are skipped" >&2
+fi
