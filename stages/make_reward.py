@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,7 +53,7 @@ def make_reward(
         return RenderPool.of(task, workers)
 
     if config.reward in ("gail", "tpil"):
-        return _adversarial(config, task, source, contexts, pool(), seed, device)
+        return _adversarial(config, task, source, contexts, pool, seed, device)
     if config.reward == "pretrained":
         from stages.rewards.networks import load_network
         from stages.rewards.pretrained import PretrainedReward, track
@@ -127,7 +128,7 @@ def _adversarial(
     task: Task,
     source: Artifact,
     contexts: Contexts,
-    pool: RenderPool,
+    pool: Callable[[], RenderPool],
     seed: int,
     device: str,
 ) -> Any:
@@ -136,10 +137,12 @@ def _adversarial(
 
     demos = _demonstrations(source)
     schedule = Schedule(config.discriminator_steps, config.discriminator_rate)
-    given = (task, contexts, pool, _videos(demos, EXPERTS), schedule, seed, device)
+    experts = _videos(demos, EXPERTS)
+    drawing = pool()  # Not before what may be missing has been read: it starts processes.
+    given = (task, contexts, drawing, experts, schedule, seed, device)
     if config.reward == "gail":
         return GailReward(*given)
-    return TpilReward(*given, unskilled=_unskilled(task, demos, pool, seed))
+    return TpilReward(*given, unskilled=_unskilled(task, demos, drawing, seed))
 
 
 def _demonstrations(source: Artifact) -> Artifact:

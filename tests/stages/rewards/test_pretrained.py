@@ -23,13 +23,12 @@ def test_every_layer_gives_features(network):
 
 
 def test_the_weights_are_those_of_the_trained_network(network):
-    """Trained features respond to an edge by its direction; as many random ones are not as selective."""
+    """Random weights of this architecture hardly respond at all: features' standard deviation is below .01."""
     edges = torch.full((2, 3, 48, 48), -1.0)
     edges[0, :, :, 24:] = 1.0
     edges[1, :, 24:, :] = 1.0
     features = dict(network.features(edges, "block2"))["block2"]
-    assert features.std() > 0.1
-    assert torch.corrcoef(features)[0, 1] < 0.9
+    assert features.std() > 1
 
 
 def test_following_the_demonstrations_beats_standing_still(network, stage, squares):
@@ -96,7 +95,7 @@ class Harmful:
         ("text", "a file of tensors"),
         (Harmful(), "a file of tensors"),
         ({"step": 3}, "names and tensors"),
-        ({"weight": torch.zeros(2)}, "EfficientNet-Lite or of Inception-v3"),
+        ({"weight": torch.zeros(2)}, "EfficientNet-Lite0 or of Inception-v3"),
         ({"_conv_stem.weight": torch.zeros(2)}, "do not fit"),
     ],
 )
