@@ -13,8 +13,8 @@ PAIRS = {"compact": 240.0, "paper": 27.0}  # pairs of frames a second, of benchm
 TRANSLATE = 25.0  # seconds, quality of the reward included
 LEARNER_SAMPLES = 3_300  # a second, frames drawn and encoded (benchmarks/learn_cost.py)
 ORACLE_SAMPLES = 7_000
-DISCRIMINATOR_STEPS = 14.0  # a second
-PRETRAINED_FRAMES = 310.0  # a second, of 64x64 pixels, up to the last layer
+DISCRIMINATOR_STEPS = {"gail": 14.0, "tpil": 6.0}  # a second
+PRETRAINED_FRAMES = 450.0  # a second, of 64x64 pixels, up to the last layer
 EVALUATE = 15.0  # seconds
 START = 4.0  # seconds until a command has imported what it needs
 SAMPLES_AN_EPISODE, FRAMES_AN_EPISODE = 50, 24
@@ -50,8 +50,8 @@ def _seconds(job: Job, config: Any) -> float:
     if reward in ("oracle", "joints"):
         return episodes * SAMPLES_AN_EPISODE / ORACLE_SAMPLES
     seconds = episodes * SAMPLES_AN_EPISODE / LEARNER_SAMPLES
-    if reward in ("gail", "tpil"):
-        seconds += config.iterations * config.discriminator_steps / DISCRIMINATOR_STEPS
+    if reward in DISCRIMINATOR_STEPS:
+        seconds += config.iterations * config.discriminator_steps / DISCRIMINATOR_STEPS[reward]
     if reward == "pretrained":
         seconds += episodes * FRAMES_AN_EPISODE / PRETRAINED_FRAMES
     return seconds
