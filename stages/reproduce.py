@@ -158,7 +158,7 @@ def _run(folder: Path, execution: Execution, lock: int) -> None:
         stdout=sys.stderr,
         pass_fds=[lock],
         process_group=0,
-        preexec_fn=_die_with_parent,
+        preexec_fn=_attached,
     )
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
@@ -171,8 +171,9 @@ def _run(folder: Path, execution: Execution, lock: int) -> None:
         signal.signal(signal.SIGTERM, before)
 
 
-def _die_with_parent() -> None:
-    """Ask Linux to end this process when its parent is killed: nobody would tell it any more."""
+def _attached() -> None:
+    """Have this process heed interrupts, which shells turn off behind `&`, and end when its parent is killed."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 

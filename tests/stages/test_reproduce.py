@@ -158,7 +158,7 @@ def begin(tmp_path):
     content = SCRIPT.format(tests=str(Path(__file__).parent), folder=str(tmp_path))
     command = [sys.executable, "-c", content]
 
-    def start(wait: bool = True) -> subprocess.Popen:
+    def start(wait: bool = True, interrupts=signal.default_int_handler) -> subprocess.Popen:
         process = subprocess.Popen(
             command,
             cwd=ROOT,
@@ -166,7 +166,7 @@ def begin(tmp_path):
             stderr=subprocess.DEVNULL,
             text=True,
             start_new_session=True,
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+            preexec_fn=lambda: signal.signal(signal.SIGINT, interrupts),
         )
         while wait and not (tmp_path / "begun").exists():
             assert process.poll() is None
@@ -185,6 +185,24 @@ def test_an_interrupt_reaches_the_jobs_once_and_says_how_to_go_on(begin, tmp_pat
         assert (tmp_path / "signals").read_text().split() == ["told"]
         (tmp_path / "signals").unlink()
         (tmp_path / "begun").unlink()
+
+
+def test_terminated_behind_an_ampersand_it_stops_its_jobs(begin, tmp_path):
+    process = begin(interrupts=signal.SIG_IGN)  # as a shell does where there is no terminal
+    process.terminate()
+    said, _ = process.communicate(timeout=30)
+    assert "continue with: ifo reproduce" in said
+    assert (tmp_path / "signals").read_text().split() == ["told"]
+
+
+def test_no_more_jobs_at_a_time_than_cores(tmp_path, monkeypatch):
+    # After a job that all wait for: where some versions of Snakemake counted wrongly.
+    count = "touch running.$$; ls | grep -c running >> ../most; sleep 1; rm running.$$"
+    jobs = [shell_job("a.policy.h5", "mkdir runners")]
+    jobs += [shell_job(f"{k}.evaluation.h5", f"(cd runners; {count})", "a.policy.h5") for k in range(5)]
+    monkeypatch.setattr(stages.reproduce, "plan", lambda grid: jobs)
+    reproduce(Grid(preset="toy"), tmp_path, LOCAL, Progress(quiet=True))
+    assert max(map(int, (tmp_path / "most").read_text().split())) == LOCAL.cores
 
 
 def test_killed_and_begun_again_it_repeats_at_most_what_was_running(begin, tmp_path):
