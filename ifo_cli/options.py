@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import typer
 
-from stages.configs import DEFAULT_PRESET, PRESETS, STAGES, TASKS
+from stages.configs import DEFAULT_PRESET, HOUSEHOLD, PRESETS, STAGES, TASKS
 
 HELP_PRESET = DEFAULT_PRESET
 PRESET_NOTE = (
@@ -30,13 +30,13 @@ STAGE_PANEL = "Options of this stage"
 def complete_task(incomplete: str) -> list[str]:
     """Names of tasks, for shell completion."""
     installed = [entry.name for entry in importlib.metadata.entry_points(group="ifo.tasks")]
-    return [task for task in (*TASKS, *installed) if task.startswith(incomplete)]
+    return [task for task in (*TASKS, *HOUSEHOLD, *installed) if task.startswith(incomplete)]
 
 
 TaskArgument = Annotated[
     str,
     typer.Argument(
-        help=f"Task: {', '.join(TASKS)}, dm:DOMAIN-TASK, or MODULE:ATTR.",
+        help=f"Task: {', '.join((*TASKS, *HOUSEHOLD))}, dm:DOMAIN-TASK, or MODULE:ATTR.",
         autocompletion=complete_task,
         show_default=False,
     ),

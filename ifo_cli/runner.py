@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from artifacts.errors import IfoError, PlatformError, UsageError
 from ifo_cli.options import Given
 from ifo_cli.streams import emit, inputs_or_stdin, plain, stdout_to_stderr
-from stages.configs import PRESETS, TASKS, defaults
+from stages.configs import HOUSEHOLD, PRESETS, TASKS, defaults
 
 if TYPE_CHECKING:
     from artifacts import Artifact
@@ -48,11 +48,11 @@ def check_task(task: str) -> str:
     import importlib.metadata
 
     installed = [entry.name for entry in importlib.metadata.entry_points(group="ifo.tasks")]
-    if task in TASKS or task in installed or ":" in task:
+    if task in (*TASKS, *HOUSEHOLD, *installed) or ":" in task:
         return task  # What stands behind a colon is looked up by the stage.
-    close = difflib.get_close_matches(task.lower(), [*TASKS, *installed], n=1, cutoff=0.5)
+    close = difflib.get_close_matches(task.lower(), [*TASKS, *HOUSEHOLD, *installed], n=1, cutoff=0.5)
     meant = f", did you mean {close[0]}?" if close else ":"
-    known = ", ".join([*TASKS, *installed])
+    known = ", ".join([*TASKS, *HOUSEHOLD, *installed])
     raise UsageError(f"no task {task!r}{meant} expected one of {known}, dm:DOMAIN-TASK, or MODULE:ATTR")
 
 

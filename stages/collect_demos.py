@@ -1,4 +1,4 @@
-"""collect-demos: films the expert in random contexts. The videos are all that learning ever sees."""
+"""collect-demos: films a demonstrator in random contexts. The videos are all that learning ever sees."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from artifacts import ArtifactError, default_path, read_artifact, write_artifact, write_overview
+from artifacts import ArtifactError, UsageError, default_path, read_artifact, write_artifact, write_overview
 from stages.configs import DEFAULT_PRESET, DemosConfig, defaults
+from stages.demonstrators import Demonstrator, Expert, Person
 from stages.run import RunOptions, StageResult, environment, full_config, pick_workers
 from stages.seeding import generator
 from stages.simulation.contexts import Contexts, repeat, take
-from stages.simulation.task import State, Task
+from stages.simulation.task import Task
 
 CHUNK = 256  # demonstrations rolled out and drawn at a time
 TEMPO_KNOTS = 3  # speeds that make a video's tempo
@@ -22,17 +23,18 @@ MAX_ATTEMPTS = 4  # times n: an expert that fails more often than this makes no 
 def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: Path | None) -> StageResult:
     """Collect `config.n` demonstrations and write the `demos` artifact, a contact sheet and an MP4.
 
-    Without an expert the task's is taken from the folder of the output, or trained there first.
+    Where the task brings nobody who demonstrates it, an expert does; without `expert` the task's is taken from the
+    folder of the output, or trained there first.
 
     Raises:
-        ArtifactError: The expert fails too often to yield `config.n` demonstrations.
+        ArtifactError: The demonstrator fails too often to yield `config.n` demonstrations.
+        UsageError: An expert is given where the task brings its own demonstrator.
     """
-    from stages.learners.policy import Policy
+    from stages.simulation.batch import rollout
     from stages.simulation.gl import choose_backend
     from stages.simulation.render import RenderPool
     from stages.simulation.tasks import distribution, file_name, learner_context, make_task
     from stages.threads import use_threads
-    from stages.train_expert import load_expert
 
     choose_backend()
     task = make_task(task_name, typed=True)
@@ -41,8 +43,8 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
     out = run.out or default_path(Path("runs"), name, "demos")
     drawn_from = distribution(config.contexts, config.vary)
     task.varied(drawn_from)  # Says what is wrong with it before an expert is trained.
-    expert = expert or _find_or_train_expert(task_name, run, out.parent)
-    policy = Policy.load(load_expert(expert, task_name))
+    demonstrator = _demonstrator(task, expert, run, out.parent)
+    filmed = demonstrator.task
 
     videos = np.empty((config.n, task.frames, *task.frame_size, 3), np.uint8)
     contexts: list[Contexts] = []
@@ -52,24 +54,26 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
     kept = dropped = chunks = 0
     chunk = min(CHUNK, config.n)
     with (
-        RenderPool.of(task, workers) as pool,
+        RenderPool.of(filmed, workers) as pool,
         run.progress.bar(f"collect-demos {task_name}", config.n, "demos") as bar,
     ):
         while kept < config.n:
             if kept + dropped >= MAX_ATTEMPTS * max(config.n, chunk) or (chunks and not kept):
+                who = demonstrator.parents[0] if demonstrator.parents else task_name
                 raise ArtifactError(
-                    f"{expert}: the expert failed in {dropped} of {kept + dropped} contexts, expected at least a "
+                    f"{who}: the demonstrator failed in {dropped} of {kept + dropped} contexts, expected at least a "
                     f"quarter to end below {task.expert_threshold} of the initial distance; train it longer "
                     f"(ifo train-expert {task_name} --iterations N), or keep failures (--keep-failures)"
                 )
             rng = generator(run.seed, "demos", chunks)
             if config.context_seed < 0:
                 drawn = task.draw_contexts(rng, chunk, drawn_from)
-                starts = task.context_state(drawn)
+                starts = filmed.context_state(drawn)
             else:
                 drawn = repeat(learner_context(task, config.context_seed, drawn_from), chunk)
-                starts = task.draw_states(rng, drawn)  # One context for all, and one start would show one video.
-            episode = _roll_out(task, policy, drawn, starts, workers)
+                starts = filmed.draw_states(rng, drawn)  # One context for all, and one start would show one video.
+            act = demonstrator.begin(drawn, generator(run.seed, "demonstrator", chunks))
+            episode = rollout(filmed, drawn, *starts, act, workers)
             good = config.keep_failures | (episode.normalised_distance < task.expert_threshold)
             chosen = np.flatnonzero(good)[: config.n - kept]
             kept, chunks = kept + len(chosen), chunks + 1
@@ -81,7 +85,7 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
             times = playback(generator(run.seed, "tempo", chunks - 1), chunk, task.frames, config.jitter)[chosen]
             steps = np.rint(times * task.frame_every).astype(int)
             qpos = np.take_along_axis(episode.qpos[chosen], steps[:, :, None], axis=1)
-            videos[kept - len(chosen) : kept] = pool.render(task.model_fields(part), qpos)
+            videos[kept - len(chosen) : kept] = pool.render(filmed.model_fields(part), qpos)
             played.append(times)
             contexts.append(part)
             initial.append(episode.initial_distance[chosen])
@@ -90,7 +94,7 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
 
     initial_distance, final_distance = np.concatenate(initial), np.concatenate(final)
     if not config.keep_failures:
-        run.progress.say(f"dropped {dropped} of {kept + dropped} demonstrations in which the expert failed")
+        run.progress.say(f"dropped {dropped} of {kept + dropped} demonstrations that failed")
     arrays = {
         "frames": videos,
         "initial_distance": initial_distance,
@@ -107,7 +111,7 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
         config=described,
         seed=run.seed,
         command=run.command,
-        parents=[expert],
+        parents=demonstrator.parents,
         environment=environment(),
     )
     summary = {
@@ -132,28 +136,13 @@ def playback(rng: np.random.Generator, n: int, frames: int, jitter: float) -> np
     return np.minimum(np.concatenate([np.zeros((n, 1)), steps.cumsum(axis=1)], axis=1), frames - 1)
 
 
-def _roll_out(task: Task, policy, contexts: Contexts, starts: tuple[np.ndarray, np.ndarray], workers: int):
-    """One episode of the expert in each of n contexts, from qpos (n, nq) and qvel (n, nv)."""
-    from stages.simulation.batch import rollout
-
-    def act(state: State, where: Contexts) -> np.ndarray:
-        return policy.act(task.observe_expert(state, where))
-
-    return rollout(task, contexts, *starts, act, workers)
-
-
-def expert_video(task: Task, expert_path: Path, contexts: Contexts, pool) -> np.ndarray:
-    """What the expert does in each of n contexts, as video (n, T, H, W, 3): the truth to judge translations by."""
-    return pool.render(task.model_fields(contexts), expert_motion(task, expert_path, contexts))
-
-
-def expert_motion(task: Task, expert_path: Path, contexts: Contexts) -> np.ndarray:
-    """Joint positions (n, T, nq) of what the expert does in each of n contexts, at the frames of a video."""
-    from stages.learners.policy import Policy
-    from stages.train_expert import load_expert
-
-    policy = Policy.load(load_expert(expert_path, task.name))
-    return _roll_out(task, policy, contexts, task.context_state(contexts), 1).frame_qpos(task)
+def _demonstrator(task: Task, expert: Path | None, run: RunOptions, folder: Path) -> Demonstrator:
+    """Who is filmed."""
+    if task.demonstrator is None:
+        return Expert(task, expert or _find_or_train_expert(task.name, run, folder))
+    if expert:
+        raise UsageError(f"--expert {expert}: {task.name} brings somebody who demonstrates it: leave the option out")
+    return Person(task)
 
 
 def _find_or_train_expert(task_name: str, run: RunOptions, folder: Path) -> Path:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from artifacts import Artifact, ArtifactError
-from stages.configs import PolicyConfig
+from stages.configs import PolicyConfig, defaults
 from stages.seeding import generator
 from stages.simulation.contexts import Contexts, repeat
 from stages.simulation.task import Task
@@ -163,9 +162,12 @@ def _contexts_like(task: Task, demos: Artifact, rng: np.random.Generator, n: int
     """
     from stages.simulation.tasks import distribution, learner_context
 
-    if "contexts" not in demos.config:
+    if "contexts" in demos.config:
+        drawn_from = distribution(demos.config["contexts"], demos.config.get("vary", ""))
+    elif task.demonstrator is not None:  # Imported: the videos of a person, who can be asked again.
+        drawn_from = distribution(defaults(demos.config["preset"], "collect-demos", task.name).contexts)
+    else:
         raise ArtifactError(f"{demos.path} was not filmed in simulated contexts: give --reward gail or translation")
-    drawn_from = distribution(demos.config["contexts"], demos.config.get("vary", ""))
     context_seed = demos.config.get("context_seed", -1)
     if context_seed >= 0:
         return repeat(learner_context(task, context_seed, drawn_from), n)
@@ -185,7 +187,7 @@ def _unskilled(task: Task, demos: Artifact, pool: RenderPool, seed: int) -> np.n
 
 def _kinesthetic(task: Task, demos: Artifact, seed: int) -> np.ndarray:
     """Joint positions (T, nq) of one demonstration in a context like the demonstrations'."""
-    from stages.collect_demos import expert_motion
+    from stages.demonstrators import demonstrator_of
 
-    expert: Path = demos.parent("expert", check=True).path
-    return expert_motion(task, expert, _contexts_like(task, demos, generator(seed, "kinesthetic"), 1))[0]
+    demonstrator = demonstrator_of(task, demos)
+    return demonstrator.kinesthetic(_contexts_like(task, demos, generator(seed, "kinesthetic"), 1))

@@ -27,6 +27,7 @@ from stages.seeding import generator
 from stages.simulation.contexts import Contexts
 
 if TYPE_CHECKING:
+    from stages.demonstrators import Demonstrator
     from stages.rewards.quality import Quality
     from stages.simulation.task import Task
 
@@ -108,7 +109,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
         arrays |= {f"contexts/{name}": values for name, values in contexts.items()}
     truth, plot = None, sibling(out, ".png")
     if contexts is not None and expert is not None:
-        truth, quality = _judge(demos.config["task"], contexts, expert, model, arrays, run, device)
+        truth, quality = _judge(contexts, expert, model, arrays, run, device)
         truth_arrays = _truth(model, truth, device, arrays, metrics)
         arrays |= truth_arrays | {f"quality/{name}": values for name, values in quality.curves.items()}
         metrics |= quality.metrics
@@ -163,8 +164,9 @@ def _read_context(path: str, size: tuple[int, ...]) -> np.ndarray:
 
 def _simulate_context(
     config: TranslateConfig, demos: Artifact, run: RunOptions
-) -> tuple[Contexts, np.ndarray, Path | None]:
-    """The learner's context (leading axis 1), its first frame, and the demonstrations' expert if it is at hand."""
+) -> tuple[Contexts, np.ndarray, Demonstrator | None]:
+    """The learner's context (leading axis 1), its first frame, and who demonstrated, where that one is at hand."""
+    from stages.demonstrators import demonstrator_of
     from stages.simulation.render import RenderPool
     from stages.simulation.tasks import distribution, learner_context, make_task
 
@@ -178,10 +180,10 @@ def _simulate_context(
     contexts = learner_context(task, config.context_seed, distribution(*_contexts_of(config, demos)))
     with RenderPool.of(task, 1) as pool:
         frame = pool.render(task.model_fields(contexts), task.context_state(contexts)[0][None])[0, 0]
-    if demos.config.get("stage") == IMPORTED:
+    if demos.config.get("stage") == IMPORTED and task.demonstrator is None:
         return contexts, frame, None  # Nobody knows what the expert would do here.
     try:
-        return contexts, frame, demos.parent("expert", check=True).path
+        return contexts, frame, demonstrator_of(task, demos)
     except ArtifactError as error:
         run.progress.say(f"the expert's own video here is not known, and nothing is compared with it ({error})")
         return contexts, frame, None
@@ -211,31 +213,25 @@ def _check_shape(task: Task, demos: Artifact) -> None:
 
 
 def _judge(
-    task_name: str,
     contexts: Contexts,
-    expert: Path,
+    expert: Demonstrator,
     model: Any,
     arrays: dict[str, np.ndarray],
     run: RunOptions,
     device: str,
 ) -> tuple[np.ndarray, Quality]:
     """The expert's own video (T, H, W, 3) in the learner's context, and how the reward ranks what is done there."""
-    from stages.collect_demos import expert_video
-    from stages.learners.policy import Policy
     from stages.rewards.quality import reward_quality
     from stages.rewards.translation import TrackingTarget
     from stages.simulation.render import RenderPool
-    from stages.simulation.tasks import make_task
-    from stages.train_expert import load_expert
 
-    task = make_task(task_name)
-    policy = Policy.load(load_expert(expert, task_name))
-    learning = defaults(run.preset, "learn-policy", task_name)  # The reward that will be learned from, as it stands.
+    task = expert.task
+    learning = defaults(run.preset, "learn-policy", task.name)  # The reward that will be learned from, as it stands.
     with RenderPool.of(task, 1) as pool:
         quality = reward_quality(
             task,
             contexts,
-            lambda state, where: policy.act(task.observe_expert(state, where)),
+            expert.begin(contexts),
             model,
             TrackingTarget.of(arrays, learning.blur, device),
             pool,
@@ -243,7 +239,7 @@ def _judge(
             learning.image_weight,
             device,
         )
-        return expert_video(task, expert, contexts, pool)[0], quality
+        return expert.video(contexts, pool)[0], quality
 
 
 def _truth(

@@ -1,4 +1,5 @@
-"""The Gymnasium face: importing this module registers `ifo/Reach-v0`, `ifo/Push-v0`, `ifo/Sweep-v0`, `ifo/Strike-v0`.
+"""The Gymnasium face: importing this module registers `ifo/Reach-v0`, `ifo/Push-v0`, `ifo/Sweep-v0`, `ifo/Strike-v0`,
+`ifo/PushReal-v0` and the other household tasks.
 
 `ifo/Task-v0` makes any other by `task_name`, such as `dm:reacher-easy`.
 
@@ -14,12 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
-from stages.configs import TASKS
+from stages.configs import HOUSEHOLD, TASKS
 
 if TYPE_CHECKING:
     from stages.simulation.gym_env import SuiteEnv
 
-IDS = {f"ifo/{name.capitalize()}-v0": {"task_name": name} for name in TASKS} | {"ifo/Task-v0": {}}
+IDS = {f"ifo/{name.title().replace('-', '')}-v0": {"task_name": name} for name in (*TASKS, *HOUSEHOLD)}
+IDS |= {"ifo/Task-v0": {}}
 
 
 def make(

@@ -163,6 +163,19 @@ class Task(ABC):
             "--reward oracle; use --learner trpo"
         )
 
+    @property
+    def demonstrator(self) -> Task | None:
+        """The same task with the body of somebody who demonstrates it by `plan`; None: an expert must be trained."""
+        return None
+
+    def plan(self, contexts: Contexts, rng: np.random.Generator | None = None) -> np.ndarray:
+        """Actions (control steps, n, nu) by which a demonstrator does the task; with `rng`, not quite steadily."""
+        raise NotImplementedError(f"{self.name} has no plan")
+
+    def kinesthetic(self, contexts: Contexts) -> np.ndarray:
+        """Joint positions (T, nq) of the robot led through the task in one context; zeros where nothing is driven."""
+        raise NotImplementedError(f"{self.name} has no plan")
+
     def outcome(self, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What an episode is judged by: initial and final distance (n,), of the distances (n, control steps + 1)."""
         return distance[:, 0], distance[:, -1]

@@ -1,4 +1,4 @@
-"""Tasks by name: the paper's four, dm_control's suite, and whatever users bring."""
+"""Tasks by name: the paper's, dm_control's suite, and whatever users bring."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def make_task(name: str, typed: bool = False) -> Task:
     """The task called `name`.
 
     Args:
-        name: One of the paper's four; `dm:DOMAIN-TASK`; the name of an entry point of the group `ifo.tasks`; or
+        name: One of the paper's; `dm:DOMAIN-TASK`; the name of an entry point of the group `ifo.tasks`; or
             `MODULE:ATTR`, a subclass of Task or a function that returns a task.
         typed: Whether the user typed the name. A `MODULE:ATTR` that comes from a file is imported only if the
             environment variable IFO_TASKS lists it: opening a stranger's file must not run code.
@@ -30,11 +30,14 @@ def make_task(name: str, typed: bool = False) -> Task:
         UsageError: There is no such task, or it may not be imported.
     """
     from stages.simulation.push import Push
+    from stages.simulation.push_real import PushReal
     from stages.simulation.reach import Reach
     from stages.simulation.strike import Strike
     from stages.simulation.sweep import Sweep
+    from stages.simulation.sweep_real import SweepAlmonds, SweepPaper
 
-    tasks: dict[str, type[Task]] = {task.name: task for task in (Reach, Push, Sweep, Strike)}
+    kinds = Reach, Push, Sweep, Strike, PushReal, SweepPaper, SweepAlmonds
+    tasks: dict[str, type[Task]] = {task.name: task for task in kinds}
     if name in tasks:
         return tasks[name]()
     if name.startswith("dm:"):

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.configs import TASKS
+from stages.configs import HOUSEHOLD, TASKS
 from stages.simulation.tasks import distribution, make_task
 
 
-@pytest.fixture(scope="session", params=TASKS)
+@pytest.fixture(scope="session", params=(*TASKS, *HOUSEHOLD))
 def task(request):
     """Each of the tasks in turn; a module about one of them overrides this."""
     return make_task(request.param)

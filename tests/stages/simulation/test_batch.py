@@ -44,8 +44,8 @@ def test_actions_are_clipped(task, draw):
     qpos, qvel = task.context_state(draw("fixed", 2))
     simulation = BatchSimulation(task, 2)
     simulation.reset(qpos, qvel)
-    signs = np.array([1.0, -1.0, 1.0, -1.0])[: task.action_size]
-    state = simulation.step(np.stack([signs, signs * [7.0, 9.0, 3.0, 2.0][: task.action_size]]))
+    signs = np.resize([1.0, -1.0], task.action_size)
+    state = simulation.step(np.stack([signs, signs * np.resize([7.0, 9.0, 3.0, 2.0], task.action_size)]))
     assert np.array_equal(state.qpos[0], state.qpos[1])
     assert np.array_equal(state.ctrl, [signs, signs])
 

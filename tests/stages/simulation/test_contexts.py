@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from artifacts import UsageError
+from stages.configs import TASKS
 from stages.simulation.contexts import DISTRIBUTIONS, FACTORS, RED, camera_pose, draw_colours, repeat, take
 from stages.simulation.push import WHITE
 from stages.simulation.sweep import GREY
@@ -24,6 +25,12 @@ SHOWN_BY = {
 # What table and arm must not be taken for.
 OBJECT_COLOURS = {"reach": [RED], "push": [RED, WHITE], "sweep": [GREY], "strike": [RED, WHITE]}
 HIDDEN = ("distractor_position", "distractor_rgb")  # drawn whether there are distractors or not
+
+
+@pytest.fixture(scope="session", params=TASKS)
+def task(request):
+    """The paper's four; what varies in the household's is in test_household.py."""
+    return make_task(request.param)
 
 
 def varying(contexts) -> set[str]:

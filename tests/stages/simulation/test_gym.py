@@ -20,13 +20,18 @@ OPTIONS = [
 ]
 
 
+def gym_id(task):
+    """The task's Gymnasium id: `ifo/PushReal-v0` of push-real."""
+    return f"ifo/{task.name.title().replace('-', '')}-v0"
+
+
 @pytest.fixture
 def make(task):
     """`gymnasium.make` of the task; what it made is closed at the end."""
     made = []
 
     def maker(**options):
-        made.append(gymnasium.make(f"ifo/{task.name.capitalize()}-v0", **options))
+        made.append(gymnasium.make(gym_id(task), **options))
         return made[-1]
 
     yield maker
@@ -113,7 +118,7 @@ def test_render_returns_frames_of_the_size_asked_for(make):
 
 def test_registering_twice_is_no_error(task):
     face.register()
-    assert gymnasium.spec(f"ifo/{task.name.capitalize()}-v0").kwargs == {"task_name": task.name}
+    assert gymnasium.spec(gym_id(task)).kwargs == {"task_name": task.name}
 
 
 def test_any_task_can_be_made_by_its_name():
@@ -126,7 +131,7 @@ def test_any_task_can_be_made_by_its_name():
 
 
 def test_several_environments_make_a_vector(task):
-    name = f"ifo/{task.name.capitalize()}-v0"
+    name = gym_id(task)
     envs = gymnasium.make_vec(name, num_envs=2, vectorization_mode="sync", contexts="fixed")
     observation, _ = envs.reset(seed=0)
     assert observation["position"].shape == (2, task.model.nq)

@@ -8,7 +8,7 @@ import pytest
 
 from stages.simulation import push, reach, strike, sweep
 from stages.simulation.batch import BatchSimulation
-from stages.simulation.tasks import distribution
+from stages.simulation.tasks import distribution, make_task
 
 EPISODES = 1000
 SOFT = 0.02  # metres that a soft contact gives way
@@ -88,8 +88,10 @@ def test_the_arm_touches_nothing_at_the_start(task, draw, name):
     assert touching == 0
 
 
-def test_the_arms_geometry_agrees_with_the_model(task):
-    model, arm = task.model, ARMS[task.name]
+@pytest.mark.parametrize("name", ARMS)
+def test_the_arms_geometry_agrees_with_the_model(name):
+    task, arm = make_task(name), ARMS[name]
+    model = task.model
     qpos = np.repeat(model.qpos0[None], 20, axis=0)
     qpos[:, task.posture] = np.random.default_rng(0).uniform(-0.3, 2.6, (20, task.action_size))
     state = BatchSimulation(task, 20).reset(qpos, np.zeros((20, model.nv)))
