@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ from artifacts import (
 )
 from stages.configs import CAMERA, EXPORT_FORMATS, PLAIN_FPS, VIDEO_CRF, ExportConfig
 from stages.datasets.export import Export
+from stages.interrupts import heeded
 from stages.run import RunOptions, StageResult
 
 AT_A_TIME = 64  # demonstrations in memory
@@ -54,22 +55,23 @@ def export_demos(demos: Path, config: ExportConfig, run: RunOptions) -> StageRes
     if length < 2:
         raise ArtifactError(f"{demos}: its videos have {length} frame: expected 2 or more")
     fps = config.fps or _fps(artifact)
-    export = Export(
-        shape=(count, length, height, width),
-        videos=lambda: _videos(artifact, count, length, fps, run),
-        camera=config.camera or CAMERA,
-        task=config.task or str(artifact.manifest.config.get("task") or "") or "what the videos show",
-        fps=fps,
-        video=config.video,
-        crf=config.crf or VIDEO_CRF,
-        origin={
-            "from": f"ifo {artifact.manifest.ifo_version}: {run.command}",
-            "demos": demos.name,
-            "demos_sha256": sha256_of(demos),
-            **({"dataset_id": _minari_name(out)} if config.format == "minari" else {}),
-        },
-    )
-    _write(out, config.format, export)
+    with heeded() as check:
+        export = Export(
+            shape=(count, length, height, width),
+            videos=lambda: _videos(artifact, count, length, fps, run, check),
+            camera=config.camera or CAMERA,
+            task=_text(config.task or str(artifact.manifest.config.get("task") or "") or "what the videos show"),
+            fps=fps,
+            video=config.video,
+            crf=config.crf or VIDEO_CRF,
+            origin={
+                "from": _text(run.command),
+                "demos": _text(demos.name),
+                "demos_sha256": sha256_of(demos),
+                **({"dataset_id": _minari_name(out)} if config.format == "minari" else {}),
+            },
+        )
+        _write(out, config.format, export)
     for line in _remarks(config, export):
         run.progress.say(line)
     return StageResult(out, {"demos": count, "frames": count * length, "fps": fps, "bytes": _size(out)})
@@ -88,16 +90,18 @@ def _write(out: Path, name: str, export: Export) -> None:
 
 
 def _videos(
-    artifact: Artifact, count: int, length: int, fps: int, run: RunOptions
+    artifact: Artifact, count: int, length: int, fps: int, run: RunOptions, check: Callable[[], None]
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Frames (T, H, W, 3) and times (T,) of all demonstrations."""
+    """Frames (T, H, W, 3) and times (T,) of all demonstrations, with a `check` for interruptions before each."""
     with run.progress.bar("export-demos", count, "demos") as bar:
         for start in range(0, count, AT_A_TIME):
             part = slice(start, start + AT_A_TIME)
             frames = artifact.read("frames", part)
             plain = np.broadcast_to(np.arange(length) / fps, frames.shape[:2])
             times = artifact.read("times", part) if "times" in artifact else plain
-            yield from zip(frames, times.astype(float), strict=True)
+            for video in zip(frames, times.astype(float), strict=True):
+                check()
+                yield video
             bar.update(min(start + AT_A_TIME, count))
 
 
@@ -150,6 +154,11 @@ def _remarks(config: ExportConfig, export: Export) -> Iterator[str]:
     yield f"exported {export.shape[0]} demonstrations at {export.fps} frames a second, without actions"
     if config.video:
         yield f"the video is not quite what the frames are (H.264, 4:2:0, crf {export.crf}); without --video they stay"
+
+
+def _text(words: str) -> str:
+    # What UTF-8 cannot hold stays readable.
+    return words.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def _size(path: Path) -> int:

@@ -21,6 +21,7 @@ from stages.footage.footage import Footage
 from stages.footage.moments import Segment, choose_frames
 from stages.footage.preview import preview_cell, preview_sheet
 from stages.footage.sources import Source, find_videos
+from stages.interrupts import heeded
 from stages.run import RunOptions, StageResult, environment, full_config
 from stages.train_translator import FEWEST
 
@@ -183,8 +184,10 @@ def import_demos(paths: Sequence[Path], config: ImportConfig, run: RunOptions, p
     videos = np.empty((len(sources), config.frames, height, width, 3), np.uint8)
     times: list[np.ndarray] = []
     records: list[dict[str, Any]] = []
-    with run.progress.bar("import-demos", len(sources), "videos") as bar:
+    at_once = not all(source.part for source in sources)
+    with run.progress.bar("import-demos", len(sources), "videos") as bar, heeded(at_once) as check:
         for done, source in enumerate(sources, 1):
+            check()
             taken = importer.take(source)
             if taken is not None:
                 videos[len(times)] = taken.frames

@@ -67,7 +67,7 @@ def choose_camera(path: Path, cameras: Sequence[str], wanted: str) -> str:
         camera for camera in cameras if wanted in (last_part(camera), last_part(camera).removesuffix("_image"))
     ]
     if len(found) != 1:
-        raise UsageError(f"--camera {wanted}: {path} has {', '.join(cameras)}")
+        raise UsageError(f"--camera {wanted}: {path} has no such camera: expected {', '.join(cameras)}")
     return found[0]
 
 

@@ -44,6 +44,8 @@ def _in_file(path: Path, camera: str) -> list[Episode]:
 
     with open(path, "rb") as file:
         start = file.read(len(hdf5.SIGNATURE))
+    if path.suffix.lower() == ".parquet":
+        raise ArtifactError(f"{path}: is a table of a data set: name its folder, the one with meta/info.json in it")
     if start != hdf5.SIGNATURE:
         if path.suffix.lower() not in HDF5_SUFFIXES:
             return []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 
 import pytest
 
@@ -26,6 +27,11 @@ def test_where_it_came_from_goes_along(run_ifo, make, tmp_path):
         told["demos_sha256"] == sha256_of(path) and f"ifo export-demos --format lerobot --fps 4 {path}" in told["from"]
     )
     assert json.loads((tmp_path / "x.lerobot/meta/info.json").read_text())["fps"] == 4
+
+
+@pytest.mark.parametrize("name", ["lerobot", "robomimic", "minari"])
+def test_words_in_bytes_of_old(run_ifo, make, name):
+    assert run_ifo("export-demos", make("demos"), "--format", name, "--task", os.fsdecode(b"K\xfcche"))[0] == 0
 
 
 @pytest.mark.parametrize(

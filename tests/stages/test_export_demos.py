@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
+import signal
 import sys
 from pathlib import Path
 
@@ -15,7 +18,7 @@ import pytest
 
 from artifacts import read_artifact, write_artifact
 from ifo_cli.main import main
-from stages.datasets import lerobot_videos, lerobot_writing
+from stages.datasets import hdf5_writing, lerobot_videos, lerobot_writing
 from tests.stages.videos import picture
 
 N, T, FPS = 5, 7, 5
@@ -281,6 +284,24 @@ def test_a_stopped_export_leaves_nothing(ifo, demos, tmp_path, monkeypatch, name
     code, printed, _ = ifo("export-demos", path, "--format", name, *words)
     assert (code, printed) == (130 if error is KeyboardInterrupt else 1, None)
     assert [file.name for file in tmp_path.iterdir()] == ["x.demos.h5"]
+
+
+@pytest.mark.parametrize("name", ["robomimic", "minari"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_killed_export_leaves_nothing(ifo, demos, tmp_path, monkeypatch, name, number):
+    path = demos()
+    before = signal.getsignal(number)
+    write = hdf5_writing._write
+
+    def killed(*_):
+        with contextlib.suppress(KeyboardInterrupt):  # as h5py's callbacks do
+            os.kill(os.getpid(), number)
+        monkeypatch.setattr(hdf5_writing, "_write", write)
+
+    monkeypatch.setattr(hdf5_writing, "_write", killed)
+    code, printed, said = ifo("export-demos", path, "--format", name)
+    assert (code, printed, said.splitlines()[-1]) == (130, None, "ifo: interrupted")
+    assert [file.name for file in tmp_path.iterdir()] == ["x.demos.h5"] and signal.getsignal(number) == before
 
 
 @pytest.mark.parametrize("name", FORMATS)

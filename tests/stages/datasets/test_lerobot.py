@@ -227,6 +227,11 @@ def test_a_data_set_that_was_not_downloaded_whole_says_so(ifo, data_set):
     assert code == 0 and "meta/episodes lacks some of the 50 episodes" in said
 
 
+def test_a_table_is_no_data_set_but_its_folder_is(ifo, data_set):
+    code, _, said = ifo(data_set / "data/chunk-000/file-000.parquet")
+    assert code == 3 and "name its folder, the one with meta/info.json in it" in said and said.count("\n") == 2
+
+
 def test_without_pyarrow_a_line_says_what_to_install(ifo, data_set, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     code, printed, said = ifo(data_set)
