@@ -9,6 +9,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from artifacts.atomic import atomic_folder, atomic_path
     from artifacts.checkpoint import checkpoint_path, read_checkpoint, remove_checkpoint, write_checkpoint
     from artifacts.errors import ArtifactError, IfoError, Interrupted, PlatformError, UsageError
     from artifacts.lineage import Ancestor, ancestors
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 _MODULE_OF = {
     name: module
     for module, names in {
+        "atomic": ("atomic_folder", "atomic_path"),
         "checkpoint": ("checkpoint_path", "read_checkpoint", "remove_checkpoint", "write_checkpoint"),
         "errors": ("ArtifactError", "IfoError", "Interrupted", "PlatformError", "UsageError"),
         "lineage": ("Ancestor", "ancestors"),
@@ -67,6 +69,8 @@ __all__ = [
     "UsageError",
     "VerifyReport",
     "ancestors",
+    "atomic_folder",
+    "atomic_path",
     "caption",
     "checkpoint_path",
     "contact_sheet",

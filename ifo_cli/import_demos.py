@@ -17,6 +17,7 @@ from stages.configs import DEFAULT_PRESET, PRESETS, ImportConfig
 EXAMPLES = (
     "ifo import-demos kitchen/ --preview",
     "ifo import-demos take1.mp4 take2.mov --crop 420,0,1080,1080 --start 1.5 --end 6",
+    "ifo import-demos so101_pick/ --camera front --frames 25",
     "ifo import-demos kitchen/ --crop-file crops.csv --out runs/kitchen.demos.h5 | ifo train-translator",
 )
 
@@ -26,7 +27,8 @@ def import_demos(
     videos: Annotated[
         list[Path] | None,
         typer.Argument(
-            help="Videos, folders of videos, or folders of images, each one video (default: paths on standard input).",
+            help="Videos, folders of videos, folders of images, each one video, and data sets of LeRobot, robomimic "
+            "or Minari, each episode one video (default: paths on standard input).",
             show_default=False,
         ),
     ] = None,
@@ -74,6 +76,14 @@ def import_demos(
             show_default=False,
         ),
     ] = ImportConfig.task,
+    camera: Annotated[
+        str,
+        typer.Option(
+            help="Which camera of a data set to take, its name or the last part of it (default: the only one).",
+            metavar="KEY",
+            show_default=False,
+        ),
+    ] = ImportConfig.camera,
     preview: Annotated[
         bool,
         typer.Option("--preview", help="Write only a PNG of the first frames with the crops drawn on them."),
@@ -96,10 +106,11 @@ def import_demos(
 ) -> None:
     """Turn real videos into demonstrations: frames alone, of equal number and size, one video after the other.
 
-    Reads MP4, MOV, AVI, WebM, GIF and folders of PNGs or JPEGs. Rotation and time stamps are heeded. Videos that
-    cannot be used are named, left out and counted.
+    Reads MP4, MOV, AVI, WebM, GIF, folders of PNGs or JPEGs, LeRobotDataset v3, and the HDF5 of robomimic and Minari.
+    Rotation and time stamps are heeded. Videos that cannot be used are named, left out and counted.
     """
-    config = ImportConfig(frames, size, start, end, fps, crop, crop_file, check_task(task) if task else "", strict)
+    task = check_task(task) if task else ""
+    config = ImportConfig(frames, size, start, end, fps, crop, crop_file, task, strict, camera)
     out = check_out(out)
     paths = inputs_or_stdin(videos or [], "videos, or their folder", several=True)
     words = [*(context.find_root().obj or []), *(() if videos else map(str, paths))]

@@ -17,6 +17,7 @@ from ifo_cli import (
     collect_demos,
     doctor,
     evaluate,
+    export_demos,
     import_demos,
     inspect,
     learn_policy,
@@ -61,6 +62,7 @@ def _register(name: str, function: Callable[..., Any], examples: Sequence[str], 
 _register("train-expert", train_expert.train_expert, train_expert.EXAMPLES, PRESET_NOTE)
 _register("collect-demos", collect_demos.collect_demos, collect_demos.EXAMPLES, PRESET_NOTE)
 _register("import-demos", import_demos.import_demos, import_demos.EXAMPLES)
+_register("export-demos", export_demos.export_demos, export_demos.EXAMPLES)
 _register("train-translator", train_translator.train_translator, train_translator.EXAMPLES, PRESET_NOTE)
 _register("translate", translate.translate, translate.EXAMPLES, PRESET_NOTE)
 _register("learn-policy", learn_policy.learn_policy, learn_policy.EXAMPLES, PRESET_NOTE)

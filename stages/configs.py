@@ -26,6 +26,10 @@ LEARNERS = ("trpo", "ppo", "sac")
 LOCAL_LEARNERS = ("gps",)  # learn in one context alone, by local models
 TRACKED_REWARDS = ("translation", "video", "oracle", "joints")  # squared distances, which they need
 SPLITS = ("held-out", "all")
+EXPORT_FORMATS = ("lerobot", "robomimic", "minari")
+CAMERA = "camera"
+PLAIN_FPS = 10  # as in the MP4s that people look at
+VIDEO_CRF = 12
 
 
 def option(
@@ -194,6 +198,7 @@ class ImportConfig:
         crop: X,Y,W,H in pixels of the upright picture; empty: the largest centred one.
         crop_file: CSV with a crop for each video.
         task: The simulated task that a robot is to learn from the videos; empty: none.
+        camera: Which camera of a data set; empty: its only one.
         strict: A video that cannot be used is an error.
     """
 
@@ -206,6 +211,28 @@ class ImportConfig:
     crop_file: str = ""
     task: str = ""
     strict: bool = False
+    camera: str = ""
+
+
+@dataclass(frozen=True)
+class ExportConfig:
+    """What export-demos writes. No preset changes it, so that it is no entry of STAGES.
+
+    Attributes:
+        format: Whose data set, one of EXPORT_FORMATS.
+        camera: What the camera is called in it; empty: CAMERA.
+        task: What is done, in words; empty: the demonstrations' task.
+        fps: Frames a second that the data set claims; 0: what the demonstrations' times say, else PLAIN_FPS.
+        video: LeRobot's pictures as H.264, in place of PNGs in its tables.
+        crf: x264's constant rate factor; 0: VIDEO_CRF.
+    """
+
+    format: str
+    camera: str = ""
+    task: str = ""
+    fps: int = 0
+    video: bool = False
+    crf: int = 0
 
 
 STAGES: dict[str, type] = {

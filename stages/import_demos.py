@@ -15,12 +15,13 @@ import numpy as np
 
 from artifacts import ArtifactError, UsageError, default_path, sibling, write_artifact, write_overview, write_png
 from stages.configs import DEFAULT_PRESET, ImportConfig
+from stages.datasets.finding import find_episodes
 from stages.footage.crops import Crop, centred_crop, check_crop, parse_crop, read_crops, reduced
-from stages.footage.images import ImageFolder
+from stages.footage.footage import Footage
 from stages.footage.moments import Segment, choose_frames
 from stages.footage.preview import preview_cell, preview_sheet
 from stages.footage.sources import Source, find_videos
-from stages.footage.video import VideoFile
+from stages.interrupts import heeded
 from stages.run import RunOptions, StageResult, environment, full_config
 from stages.train_translator import FEWEST
 
@@ -56,18 +57,25 @@ class Importer:
         self._crop = parse_crop(config.crop) if config.crop else None
         self._crops: dict[Path, Crop] = {}
         self.skipped: list[dict[str, str]] = []
+        self.reasons: dict[str, list[str]] = defaultdict(list)
         self.notes: dict[str, list[str]] = defaultdict(list)
 
     def find(self, paths: Sequence[Path]) -> list[Source]:
-        """The videos that these paths are or hold, each once, with their crops where a file names these."""
-        found: dict[Path, Source] = {}
+        """The videos that these paths are or hold, each once, with their crops where a file names these.
+
+        Raises:
+            UsageError: A data set has several cameras and --camera names none, or there is nothing that has one.
+        """
+        found: dict[tuple[Path, str], Source] = {}
         for path in paths:
             try:
-                for source in find_videos(path):
-                    found.setdefault(source.path.resolve(), source)
+                for source in find_episodes(path, self._config.camera) or find_videos(path):
+                    found.setdefault((source.path.resolve(), source.part), source)
             except ArtifactError as error:
-                self._skip(path, error)
+                self._skip(str(path), error)
         sources = list(found.values())
+        if self._config.camera and sources and not any(source.camera for source in sources):
+            raise UsageError(f"--camera {self._config.camera}: these are videos; only data sets have named cameras")
         if self._config.crop_file and sources:
             crops, unknown = read_crops(Path(self._config.crop_file), sources)
             self._crops = {source.path: crop for source, crop in zip(sources, crops, strict=True)}
@@ -82,7 +90,7 @@ class Importer:
             ArtifactError: It cannot be used, and --strict.
         """
         try:
-            footage = ImageFolder(source) if source.images else VideoFile(source.path)
+            footage = source.open()
             indices, behind = choose_frames(footage, self.segment)
             different, places = np.unique(indices, return_inverse=True)
             frames = np.empty((len(different), *self.size, 3), np.uint8)
@@ -92,10 +100,11 @@ class Importer:
                     if k == 0:
                         shape, crop = picture.shape[:2], self._crop_of(source, picture)
                     elif picture.shape[:2] != shape:
-                        raise ArtifactError(f"{source.path}: changes its picture size midway: convert it to one size")
+                        raise ArtifactError(f"{source.label}: changes its picture size midway: convert it to one size")
                     frames[k] = reduced(picture, crop, self.size)
             record = {
-                "name": _name(source.path),
+                "name": _name(source.label),
+                **({"camera": source.camera} if source.camera else {}),
                 "sha256": source.sha256(),
                 "size": list(shape[::-1]),
                 "duration": round(footage.duration, 6),
@@ -103,7 +112,7 @@ class Importer:
                 "crop": list(crop),
             }
         except ArtifactError as error:
-            self._skip(source.path, error)
+            self._skip(source.label, error)
             return None
         self._note(source, footage, crop, len(indices) - len(different), behind)
         return Taken(frames[places], times[places], record)
@@ -111,28 +120,30 @@ class Importer:
     def preview(self, source: Source) -> np.ndarray | None:
         """The first wanted frame with the crop drawn on it; None if the video cannot be used."""
         try:
-            footage = ImageFolder(source) if source.images else VideoFile(source.path)
+            footage = source.open()
             indices, _ = choose_frames(footage, self.segment)
             with closing(footage.pictures(indices[:1])) as pictures:
                 _, picture = next(pictures)
-            return preview_cell(picture, self._crop_of(source, picture), source.path.name)
+            return preview_cell(picture, self._crop_of(source, picture), f"{source.path.name} {source.part}".rstrip())
         except ArtifactError as error:
-            self._skip(source.path, error)
+            self._skip(source.label, error)
             return None
 
     def _crop_of(self, source: Source, picture: np.ndarray) -> Crop:
         crop = self._crop or self._crops.get(source.path) or centred_crop(picture.shape[:2], self.size)
-        check_crop(crop, picture.shape[:2], source.path)
+        check_crop(crop, picture.shape[:2], source.label)
         return crop
 
-    def _skip(self, path: Path, error: ArtifactError) -> None:
+    def _skip(self, label: str, error: ArtifactError) -> None:
         if self._config.strict:
             raise ArtifactError(f"{error} (--strict: nothing is written)") from error
-        self._run.progress.say(f"skipped {error}")
-        self.skipped.append({"name": _name(path), "reason": str(error)})
+        if str(error) not in self.reasons:  # What ails a data set's file ails every episode in it.
+            self._run.progress.say(f"skipped {error}")
+        self.reasons[str(error)].append(label)
+        self.skipped.append({"name": _name(label), "reason": str(error)})
 
-    def _note(self, source: Source, footage: VideoFile | ImageFolder, crop: Crop, repeated: int, behind: int) -> None:
-        name = str(source.path)
+    def _note(self, source: Source, footage: Footage, crop: Crop, repeated: int, behind: int) -> None:
+        name = source.label
         if behind:
             self.notes["short videos rest on their last frame"].append(name)
         elif repeated:
@@ -154,7 +165,7 @@ def import_demos(paths: Sequence[Path], config: ImportConfig, run: RunOptions, p
     that memory does not grow with the length of the videos.
 
     Args:
-        paths: Videos, folders of videos, and folders of images.
+        paths: Videos, folders of videos, folders of images, and data sets, of which each episode is a video.
         config: What to take.
         run: Preset and output; there is no seed, for nothing is random.
         preview: Write only a sheet of the first frames with the crops drawn on them.
@@ -173,8 +184,10 @@ def import_demos(paths: Sequence[Path], config: ImportConfig, run: RunOptions, p
     videos = np.empty((len(sources), config.frames, height, width, 3), np.uint8)
     times: list[np.ndarray] = []
     records: list[dict[str, Any]] = []
-    with run.progress.bar("import-demos", len(sources), "videos") as bar:
+    at_once = not all(source.part for source in sources)
+    with run.progress.bar("import-demos", len(sources), "videos") as bar, heeded(at_once) as check:
         for done, source in enumerate(sources, 1):
+            check()
             taken = importer.take(source)
             if taken is not None:
                 videos[len(times)] = taken.frames
@@ -240,7 +253,7 @@ def _check_not_an_input(out: Path, sources: Sequence[Source]) -> None:
     """Refuse to write a picture over somebody's footage."""
     written = {sibling(out, suffix).resolve(): suffix for suffix in (".mp4", ".png", ".preview.png")}
     written[out.resolve()] = ""
-    for file in (file for source in sources for file in source.files):
+    for file in {file: None for source in sources for file in source.files}:
         if file.resolve() in written:
             raise UsageError(f"--out {out} would replace {file}, which is imported: choose another name")
 
@@ -267,6 +280,9 @@ def _remarks(importer: Importer, records: Sequence[dict[str, Any]]) -> Iterator[
     """Lines about what was imported."""
     for note, names in importer.notes.items():
         yield f"{note} ({len(names)} of {len(records)} videos: {_some(names)})"
+    for names in importer.reasons.values():
+        if len(names) > 1:
+            yield f"skipped {len(names) - 1} more for the same reason as {names[0]}"
     same: dict[str, list[str]] = defaultdict(list)
     for record in records:
         same[record["sha256"]].append(record["name"])
@@ -283,6 +299,6 @@ def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
 
 
-def _name(path: Path) -> str:
+def _name(label: str) -> str:
     # A name in bytes of old, which UTF-8 cannot hold, stays readable.
-    return str(path).encode("utf-8", "backslashreplace").decode("utf-8")
+    return label.encode("utf-8", "backslashreplace").decode("utf-8")

@@ -8,11 +8,12 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PARTS = ("footage", "simulation", "translation", "rewards", "learners", "reporting")
+PARTS = ("footage", "datasets", "simulation", "translation", "rewards", "learners", "reporting")
 STAGE_MODULES = (
     "train_expert",
     "collect_demos",
     "import_demos",
+    "export_demos",
     "train_translator",
     "translate",
     "learn_policy",

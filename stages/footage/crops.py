@@ -39,7 +39,7 @@ def parse_crop(text: str) -> Crop:
 def read_crops(path: Path, sources: Sequence[Source]) -> tuple[list[Crop], list[str]]:
     """The crop of every source from a CSV with columns video, x, y, w, h; and the names there that are no source's.
 
-    A name is a path from the CSV's folder, or else the bare name of a file.
+    A name is a path from the CSV's folder, or else the bare name of a file; a data set's row is for all its episodes.
 
     Raises:
         ArtifactError: The file cannot be read, or a video has no row or two.
@@ -62,7 +62,7 @@ def read_crops(path: Path, sources: Sequence[Source]) -> tuple[list[Crop], list[
         raise ArtifactError(f"{path}: is no CSV in UTF-8: expected a CSV of crops") from error
     places = {(path.parent / name).resolve(): name for name in rows}
     names = [places.get(source.path.resolve(), source.path.name) for source in sources]
-    absent = [str(source.path) for source, name in zip(sources, names, strict=True) if name not in rows]
+    absent = list({str(source.path): None for source, name in zip(sources, names, strict=True) if name not in rows})
     if absent:
         others = f", nor for {len(absent) - 1} others" if len(absent) > 1 else ""
         raise ArtifactError(f"{path}: has no row for {absent[0]}{others}: add one, of {','.join(COLUMNS)}")
@@ -76,11 +76,11 @@ def centred_crop(picture: tuple[int, int], size: tuple[int, int]) -> Crop:
     return Crop((picture[1] - w) // 2, (picture[0] - h) // 2, w, h)
 
 
-def check_crop(crop: Crop, picture: tuple[int, int], path: Path) -> None:
+def check_crop(crop: Crop, picture: tuple[int, int], label: str) -> None:
     """Raise ArtifactError where the crop reaches beyond the picture (height, width)."""
     if crop.x + crop.w > picture[1] or crop.y + crop.h > picture[0]:
         raise ArtifactError(
-            f"{path}: the crop {','.join(map(str, crop))} reaches beyond its picture of {picture[1]}x{picture[0]} "
+            f"{label}: the crop {','.join(map(str, crop))} reaches beyond its picture of {picture[1]}x{picture[0]} "
             "pixels: choose it with --preview"
         )
 

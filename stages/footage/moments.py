@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from artifacts import ArtifactError
-from stages.footage.images import ImageFolder
-from stages.footage.video import VideoFile
+from stages.footage.footage import Footage
 
 ROUNDING = 5e-4  # seconds; some containers round time stamps to a millisecond
 
@@ -30,7 +29,7 @@ class Segment:
     fps: float = 0.0
 
 
-def choose_frames(footage: VideoFile | ImageFolder, wanted: Segment) -> tuple[np.ndarray, int]:
+def choose_frames(footage: Footage, wanted: Segment) -> tuple[np.ndarray, int]:
     """Indices (T,) of the frames that a player shows at the wanted times, and how many of these lie behind the end.
 
     Shown at a time is the last frame whose time stamp is not after it, whatever the frame rate does.
@@ -38,14 +37,14 @@ def choose_frames(footage: VideoFile | ImageFolder, wanted: Segment) -> tuple[np
     Raises:
         ArtifactError: The video does not reach over the segment, or shows one frame there.
     """
-    path, times, duration = footage.path, footage.times, footage.duration
+    label, times, duration = footage.label, footage.times, footage.duration
     frame_time = duration - times[-1]
     if len(times) < 2:
-        raise ArtifactError(f"{path}: holds a single frame: expected a video")
+        raise ArtifactError(f"{label}: holds a single frame: expected a video")
     if wanted.start >= duration:
-        raise ArtifactError(f"{path}: lasts {duration:.2f} s, which is not beyond --start {wanted.start:g}")
+        raise ArtifactError(f"{label}: lasts {duration:.2f} s, which is not beyond --start {wanted.start:g}")
     if wanted.end > duration + frame_time + ROUNDING:
-        raise ArtifactError(f"{path}: lasts {duration:.2f} s, less than --end {wanted.end:g}")
+        raise ArtifactError(f"{label}: lasts {duration:.2f} s, less than --end {wanted.end:g}")
     if wanted.fps:
         at = wanted.start + np.arange(wanted.frames) / wanted.fps
     else:
@@ -53,10 +52,10 @@ def choose_frames(footage: VideoFile | ImageFolder, wanted: Segment) -> tuple[np
     behind = int((at >= duration - ROUNDING).sum()) if wanted.fps else 0
     if footage.cut and (behind or not (wanted.end or wanted.fps)):
         raise ArtifactError(
-            f"{path}: {footage.cut}: get the whole file, or take a segment that is there, up to "
+            f"{label}: {footage.cut}: get the whole file, or take a segment that is there, up to "
             f"{times[-1]:.2f} s, with --end"
         )
     indices = np.maximum(np.searchsorted(times, at + ROUNDING, side="right") - 1, 0)
     if indices[0] == indices[-1]:
-        raise ArtifactError(f"{path}: shows a single frame between {at[0]:.2f} and {at[-1]:.2f} s: expected a video")
+        raise ArtifactError(f"{label}: shows a single frame between {at[0]:.2f} and {at[-1]:.2f} s: expected a video")
     return indices, behind

@@ -9,6 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from artifacts import ArtifactError, sha256_of
+from stages.footage.footage import Footage
+from stages.footage.images import ImageFolder
+from stages.footage.video import VideoFile
 
 VIDEOS = (".mp4", ".m4v", ".mov", ".avi", ".webm", ".mkv", ".gif", ".mpg", ".mpeg", ".ts", ".mts", ".3gp", ".wmv")
 IMAGES = (".png", ".jpg", ".jpeg")
@@ -19,16 +22,34 @@ class Source:
     """A video before it is opened.
 
     Attributes:
-        path: The file, or the folder of images, as the user named it.
+        path: The file, the folder of images, or the data set, as the user named it.
         images: The folder's images in natural order of their names; empty for a file.
+        part: What the data set calls this episode; empty for a file or a folder.
+        camera: The data set's camera that filmed it; empty for a file or a folder.
     """
 
     path: Path
     images: tuple[Path, ...] = ()
+    part: str = ""
+    camera: str = ""
+
+    @property
+    def label(self) -> str:
+        """How messages and the artifact name it."""
+        return f"{self.path}, {self.part}" if self.part else str(self.path)
 
     @property
     def files(self) -> tuple[Path, ...]:
+        """What it lies in."""
         return self.images or (self.path,)
+
+    def open(self) -> Footage:
+        """Its time stamps and pictures.
+
+        Raises:
+            ArtifactError: It cannot be read.
+        """
+        return ImageFolder(self.path, self.images) if self.images else VideoFile(self.path)
 
     def sha256(self) -> str:
         """Of the file; for a folder of images, of the names and digests of all, in their order."""

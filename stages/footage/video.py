@@ -24,8 +24,9 @@ class VideoFile:
     """A video's time stamps, read from the packets without decoding any, and its pictures on demand.
 
     Attributes:
-        path: The file.
+        label: The file, as messages name it.
         times: Time stamps (F,) of all frames, seconds from the first, increasing.
+        begins: Time stamp of the first frame, seconds.
         duration: Seconds, the last frame's included.
         cut: In words, what a truncated file lacks; empty for a whole one.
         rotation: Degrees that pictures are turned by, anticlockwise; known once one was read.
@@ -38,17 +39,18 @@ class VideoFile:
         Raises:
             ArtifactError: It is no video that can be read.
         """
-        self.path = path
+        self.path, self.label = path, str(path)
         self.rotation = 0
         self.notes: list[str] = []
         with _opened(path) as (container, stream):
-            check_size(path, stream.codec_context.width, stream.codec_context.height)
+            check_size(self.label, stream.codec_context.width, stream.codec_context.height)
             ratio = float(stream.sample_aspect_ratio or 1)
             self._stretch = ratio if 1 / STRETCH <= ratio <= STRETCH else 1.0
             self._unit = float(stream.time_base)
             self._by_count = container.format.name in WITHOUT_DISPLAY_TIMES
             self._scan(container, stream)
         self.times = (self._stamps - self._stamps[0]) * self._unit
+        self.begins = float(self._stamps[0]) * self._unit
 
     def _scan(self, container: Any, stream: Any) -> None:
         """Gather stamps, key frames, duration, and what the file lacks of what its header says."""
@@ -236,10 +238,12 @@ def _open(path: Path) -> tuple[Any, Any]:
     raise ArtifactError(f"{path}: {problem}")
 
 
-def check_size(path: Path, width: int, height: int) -> None:
+def check_size(label: str, width: int, height: int) -> None:
     """Raise ArtifactError for pictures that no camera makes."""
     if not (SMALLEST <= width <= LARGEST and SMALLEST <= height <= LARGEST):
-        raise ArtifactError(f"{path}: its picture has {width}x{height} pixels: expected {SMALLEST} to {LARGEST} a side")
+        raise ArtifactError(
+            f"{label}: its picture has {width}x{height} pixels: expected {SMALLEST} to {LARGEST} a side"
+        )
 
 
 def _what_is_cut(container: Any, stream: Any, packets: int, broken: bool, ends: float) -> str:

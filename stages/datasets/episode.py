@@ -1,0 +1,91 @@
+"""An episode of a data set, as one video among others."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from artifacts import ArtifactError, UsageError, sha256_of
+from stages.footage.footage import Footage
+from stages.footage.sources import Source
+
+LFS_POINTER = b"version https://git-lfs"
+
+
+def _unopened() -> Footage:
+    raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class Episode(Source):
+    """An episode before it is opened.
+
+    Attributes:
+        inside: The files that it lies in, wholly or in part.
+        opener: Opens it.
+        digests: SHA-256 of the data set's files, shared by its episodes so that each file is read once.
+    """
+
+    inside: tuple[Path, ...] = ()
+    opener: Callable[[], Footage] = _unopened
+    digests: dict[Path, str] = field(default_factory=dict, compare=False)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        return self.inside
+
+    def open(self) -> Footage:
+        return self.opener()
+
+    def sha256(self) -> str:
+        """Of the episode's name and the digests of the files that it lies in."""
+        digest = hashlib.sha256(f"{self.part}\0{self.camera}\n".encode("utf-8", "surrogateescape"))
+        for file in self.inside:
+            if file not in self.digests:
+                self.digests[file] = sha256_of(file)
+            digest.update(f"{self.digests[file]}\n".encode())
+        return digest.hexdigest()
+
+
+def choose_camera(path: Path, cameras: Sequence[str], wanted: str) -> str:
+    """The camera to take: the one that `wanted` names, in full or by the last part of its name; or else the only one.
+
+    Raises:
+        ArtifactError: The data set has none.
+        UsageError: It has none of that name, or several and none is named.
+    """
+    if not cameras:
+        raise ArtifactError(f"{path}: holds no pictures: expected a data set with a camera")
+    if not wanted:
+        if len(cameras) > 1:
+            raise UsageError(f"{path}: has the cameras {', '.join(cameras)}: choose one with --camera")
+        return cameras[0]
+    found = [camera for camera in cameras if camera == wanted] or [
+        camera for camera in cameras if wanted in (last_part(camera), last_part(camera).removesuffix("_image"))
+    ]
+    if len(found) != 1:
+        raise UsageError(f"--camera {wanted}: {path} has no such camera: expected {', '.join(cameras)}")
+    return found[0]
+
+
+def last_part(camera: str) -> str:
+    """What stands behind the last dot or slash of a camera's name."""
+    return re.split(r"[./]", camera)[-1]
+
+
+def check_is_there(path: Path) -> None:
+    """Raise ArtifactError where a file of a data set is missing, empty, unreadable, or was not downloaded."""
+    try:
+        with open(path, "rb") as file:
+            start = file.read(len(LFS_POINTER))
+    except FileNotFoundError as error:
+        raise ArtifactError(f"{path}: no such file: download the whole data set") from error
+    except OSError as error:
+        raise ArtifactError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error
+    if start == LFS_POINTER:
+        raise ArtifactError(f"{path}: is a Git LFS pointer in place of the file: run git lfs pull")
+    if not start:
+        raise ArtifactError(f"{path}: is empty: get the file again")

@@ -1,0 +1,89 @@
+"""Minari's HDF5: data/main_data.hdf5 with episode_0/observations, one more of these than there are steps."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from artifacts import ArtifactError
+from stages.datasets import hdf5
+from stages.datasets.episode import Episode, check_is_there, choose_camera
+from stages.datasets.frames import StoredFrames
+from stages.footage.sources import natural_order
+
+if TYPE_CHECKING:
+    import h5py
+
+MAIN = "main_data.hdf5"
+METADATA = "metadata.json"
+OBSERVATIONS = "observations"
+TIMES = "infos/time"  # seconds, one more than there are steps
+
+
+def main_file(path: Path) -> Path | None:
+    """The file of data in Minari's folder, whose place is `data/main_data.hdf5`; None: this is no such folder.
+
+    Raises:
+        ArtifactError: The data are of Minari's other kind.
+    """
+    for folder in (path / "data", path):
+        if (folder / MAIN).is_file():
+            return folder / MAIN
+        if (folder / METADATA).is_file() and (folder / "0").is_dir():
+            raise ArtifactError(f"{path}: is a Minari data set stored as Arrow: expected HDF5, with a {MAIN}")
+    return None
+
+
+def is_minari(file: h5py.File) -> bool:
+    """Whether a file has Minari's groups."""
+    return any(hdf5.member(file, f"{name}/{OBSERVATIONS}") is not None for name in hdf5.names_in(file))
+
+
+def read_minari(path: Path, file: Path, wanted: str) -> list[Episode]:
+    """The episodes in natural order of their names.
+
+    Args:
+        path: What the user named.
+        file: The file of data.
+        wanted: What --camera names.
+
+    Raises:
+        ArtifactError: The file is damaged, or holds no pictures.
+        UsageError: The camera is not to be told.
+    """
+    check_is_there(file)
+    with hdf5.opened(file) as data:
+        names = [name for name in hdf5.names_in(data) if hdf5.member(data, f"{name}/{OBSERVATIONS}") is not None]
+        names.sort(key=lambda name: natural_order(Path(name)))
+        cameras = next(filter(None, (_cameras(hdf5.member(data, name)) for name in names)), [])
+        camera = choose_camera(path, cameras, wanted)
+    digests: dict[Path, str] = {}
+    return [
+        Episode(
+            path,
+            part=name,
+            camera=camera,
+            inside=(file,),
+            opener=partial(_open, path, file, name, camera),
+            digests=digests,
+        )
+        for name in names
+    ]
+
+
+def _cameras(episode: h5py.Group) -> list[str]:
+    """Observations may be the pictures themselves, or hold them under any name."""
+    observations = hdf5.member(episode, OBSERVATIONS)
+    if hasattr(observations, "keys"):
+        return [f"{OBSERVATIONS}/{name}" for name in hdf5.cameras_in(observations)]
+    return [OBSERVATIONS] if hdf5.holds_pictures(observations) else []
+
+
+def _open(path: Path, file: Path, name: str, camera: str) -> StoredFrames:
+    label = f"{path}, {name}"
+    with hdf5.opened(file, label) as data:
+        episode = hdf5.member(data, name)
+        steps = int(hdf5.number(episode.attrs.get("total_steps")))
+        stamps = hdf5.numbers(hdf5.member(episode, TIMES))
+    return hdf5.footage(file, f"{name}/{camera}", label, steps + 1 if steps else 0, stamps, 0)

@@ -1,0 +1,85 @@
+"""robomimic's HDF5: data/demo_0/obs/CAMERA_image (T, H, W, 3), and what else belongs to a demonstration beside it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from artifacts import ArtifactError
+from stages.datasets import hdf5
+from stages.datasets.episode import Episode, choose_camera
+from stages.datasets.frames import StoredFrames
+from stages.footage.sources import natural_order
+
+if TYPE_CHECKING:
+    import h5py
+
+TIMES = "times"  # ours, beside obs: seconds (T,)
+
+
+def is_robomimic(file: h5py.File) -> bool:
+    """Whether a file has robomimic's groups."""
+    data = hdf5.member(file, "data")
+    return data is not None and hasattr(data, "keys") and next(_demos(data), None) is not None
+
+
+def read_robomimic(path: Path, wanted: str) -> list[Episode]:
+    """The demonstrations in natural order of their names.
+
+    Args:
+        path: The file.
+        wanted: What --camera names.
+
+    Raises:
+        ArtifactError: The file is damaged, or holds no pictures.
+        UsageError: The camera is not to be told.
+    """
+    with hdf5.opened(path) as file:
+        data = hdf5.member(file, "data")
+        names = sorted(_demos(data), key=lambda name: natural_order(Path(name)))
+        cameras = next(filter(None, (hdf5.cameras_in(hdf5.member(data, f"{name}/obs")) for name in names)), [])
+        camera = choose_camera(path, cameras, wanted)
+        rate = _rate(data.attrs)
+    digests: dict[Path, str] = {}
+    return [
+        Episode(
+            path,
+            part=name,
+            camera=camera,
+            inside=(path,),
+            opener=partial(_open, path, name, camera, rate),
+            digests=digests,
+        )
+        for name in names
+    ]
+
+
+def _open(path: Path, name: str, camera: str, rate: float) -> StoredFrames:
+    label = f"{path}, {name}"
+    with hdf5.opened(path, label) as file:
+        demo = hdf5.member(file, f"data/{name}")
+        if demo is None:
+            raise ArtifactError(f"{label}: is not there any more: run the command again")
+        expected = int(hdf5.number(demo.attrs.get("num_samples")))
+        stamps = hdf5.numbers(hdf5.member(demo, TIMES))
+    return hdf5.footage(path, f"data/{name}/obs/{camera}", label, expected, stamps, rate)
+
+
+def _demos(data: h5py.Group) -> Iterator[str]:
+    import h5py
+
+    for name in hdf5.names_in(data):
+        if isinstance(hdf5.member(data, f"{name}/obs"), h5py.Group):
+            yield name
+
+
+def _rate(attributes: Any) -> float:
+    """Frames a second by the environment's arguments; 0: they do not tell."""
+    try:
+        arguments = json.loads(attributes["env_args"])["env_kwargs"]
+        return hdf5.number(arguments.get("control_freq"))
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError):
+        return 0.0

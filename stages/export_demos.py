@@ -1,0 +1,165 @@
+"""export-demos: demonstrations as a data set of another library. Frames and times go along, and nothing else."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from artifacts import (
+    Artifact,
+    ArtifactError,
+    UsageError,
+    atomic_folder,
+    atomic_path,
+    read_artifact,
+    sha256_of,
+    sibling,
+    stem_of,
+)
+from stages.configs import CAMERA, EXPORT_FORMATS, PLAIN_FPS, VIDEO_CRF, ExportConfig
+from stages.datasets.export import Export
+from stages.interrupts import heeded
+from stages.run import RunOptions, StageResult
+
+AT_A_TIME = 64  # demonstrations in memory
+CRF = range(1, 52)
+FPS = range(1, 1001)
+FILE_SUFFIXES = (".hdf5", ".h5")
+MINARI_NAME = re.compile(r"[-\w]+-v\d+")
+
+
+def export_demos(demos: Path, config: ExportConfig, run: RunOptions) -> StageResult:
+    """Write demonstrations as `config.format`, whole or not at all; nothing is replaced.
+
+    Contexts and distances stay behind: they are for audits, and no video of the world has them.
+
+    Args:
+        demos: The artifact.
+        config: What to write.
+        run: Where to, by `out`; there is no seed, for nothing is random.
+
+    Raises:
+        ArtifactError: The demonstrations cannot be read, or are of a shape that the format cannot hold.
+        UsageError: The options make no sense, or there is something of that name.
+        PlatformError: What writes the format is missing, or there is no room.
+    """
+    _check(config)
+    artifact = read_artifact(demos, "demos")
+    out = _free(run.out, demos, config.format)
+    count, length, height, width, _ = artifact.describe()["frames"][0]
+    if config.video and (height % 2 or width % 2):
+        raise ArtifactError(f"{demos}: frames of {width}x{height} pixels make no such video: leave out --video")
+    if length < 2:
+        raise ArtifactError(f"{demos}: its videos have {length} frame: expected 2 or more")
+    fps = config.fps or _fps(artifact)
+    with heeded() as check:
+        export = Export(
+            shape=(count, length, height, width),
+            videos=lambda: _videos(artifact, count, length, fps, run, check),
+            camera=config.camera or CAMERA,
+            task=_text(config.task or str(artifact.manifest.config.get("task") or "") or "what the videos show"),
+            fps=fps,
+            video=config.video,
+            crf=config.crf or VIDEO_CRF,
+            origin={
+                "from": _text(run.command),
+                "demos": _text(demos.name),
+                "demos_sha256": sha256_of(demos),
+                **({"dataset_id": _minari_name(out)} if config.format == "minari" else {}),
+            },
+        )
+        _write(out, config.format, export)
+    for line in _remarks(config, export):
+        run.progress.say(line)
+    return StageResult(out, {"demos": count, "frames": count * length, "fps": fps, "bytes": _size(out)})
+
+
+def _write(out: Path, name: str, export: Export) -> None:
+    from stages.datasets.hdf5_writing import write_minari, write_robomimic
+    from stages.datasets.lerobot_writing import write_lerobot
+
+    if name == "robomimic":
+        with atomic_path(out) as temporary:
+            write_robomimic(temporary, export)
+        return
+    with atomic_folder(out) as temporary:
+        (write_lerobot if name == "lerobot" else write_minari)(temporary, export)
+
+
+def _videos(
+    artifact: Artifact, count: int, length: int, fps: int, run: RunOptions, check: Callable[[], None]
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Frames (T, H, W, 3) and times (T,) of all demonstrations, with a `check` for interruptions before each."""
+    with run.progress.bar("export-demos", count, "demos") as bar:
+        for start in range(0, count, AT_A_TIME):
+            part = slice(start, start + AT_A_TIME)
+            frames = artifact.read("frames", part)
+            plain = np.broadcast_to(np.arange(length) / fps, frames.shape[:2])
+            times = artifact.read("times", part) if "times" in artifact else plain
+            for video in zip(frames, times.astype(float), strict=True):
+                check()
+                yield video
+            bar.update(min(start + AT_A_TIME, count))
+
+
+def _check(config: ExportConfig) -> None:
+    if config.format not in EXPORT_FORMATS:
+        raise UsageError(f"--format {config.format}: expected one of {', '.join(EXPORT_FORMATS)}")
+    if config.video and config.format != "lerobot":
+        raise UsageError(f"--video is for --format lerobot: {config.format} holds frames as they are")
+    if config.crf and not config.video:
+        raise UsageError(f"--crf {config.crf} is the quality of a video: give --video, too")
+    if config.crf and config.crf not in CRF:
+        raise UsageError(f"--crf {config.crf}: expected {CRF[0]} (best) to {CRF[-1]}")
+    if config.fps and config.fps not in FPS:
+        raise UsageError(f"--fps {config.fps}: expected {FPS[0]} to {FPS[-1]}")
+    if config.camera and config.format == "minari":
+        raise UsageError(f"--camera {config.camera}: Minari's observations have no name: leave it out")
+    if config.camera and not re.fullmatch(r"\w[-\w]*", config.camera):
+        raise UsageError(f"--camera {config.camera!r}: expected letters, digits, - and _, such as front")
+
+
+def _free(out: Path | None, demos: Path, name: str) -> Path:
+    """Where to write, which nothing may lie at yet."""
+    stem = stem_of(demos)
+    default = {"lerobot": f"{stem}.lerobot", "robomimic": f"{stem}.robomimic.hdf5", "minari": f"{stem}-v0"}[name]
+    out = out or sibling(demos, "").with_name(default)
+    if (name == "robomimic") != (out.suffix in FILE_SUFFIXES):
+        wanted = f"a file name ending in {FILE_SUFFIXES[0]}" if name == "robomimic" else "the name of a folder"
+        raise UsageError(f"--out {out}: expected {wanted}")
+    if out.exists() or out.is_symlink():
+        raise UsageError(f"{out}: exists already: remove it, or give another name by --out")
+    return out
+
+
+def _fps(artifact: Artifact) -> int:
+    """Frames a second by the demonstrations' times, rounded."""
+    if "times" not in artifact:
+        return PLAIN_FPS
+    times = artifact["times"]
+    lasting = float(np.median(times[:, -1] - times[:, 0]))
+    rate = (times.shape[1] - 1) / lasting if lasting > 0 else PLAIN_FPS
+    return min(max(round(rate), FPS[0]), FPS[-1])
+
+
+def _minari_name(out: Path) -> str:
+    """Under which Minari loads it, from the folder that it lies in."""
+    return out.name if MINARI_NAME.fullmatch(out.name) else re.sub(r"[^-\w]", "-", out.name) + "-v0"
+
+
+def _remarks(config: ExportConfig, export: Export) -> Iterator[str]:
+    yield f"exported {export.shape[0]} demonstrations at {export.fps} frames a second, without actions"
+    if config.video:
+        yield f"the video is not quite what the frames are (H.264, 4:2:0, crf {export.crf}); without --video they stay"
+
+
+def _text(words: str) -> str:
+    # What UTF-8 cannot hold stays readable.
+    return words.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def _size(path: Path) -> int:
+    return sum(file.stat().st_size for file in (path, *path.rglob("*")) if file.is_file())
