@@ -26,11 +26,13 @@ def upscale(frames: np.ndarray, factor: int) -> np.ndarray:
     return frames if factor == 1 else frames.repeat(factor, axis=-3).repeat(factor, axis=-2)
 
 
-def write_mp4(path: str | Path, frames: np.ndarray, fps: float = 10, min_height: int = MIN_HEIGHT) -> Path:
+def write_mp4(
+    path: str | Path, frames: np.ndarray, fps: float = 10, min_height: int = MIN_HEIGHT, crf: int = CRF
+) -> Path:
     """Write (T, H, W, 3) uint8 as H.264, yuv420p, faststart, whole or not at all.
 
     Frames are upscaled by a whole number until `min_height` pixels high, and padded to even
-    dimensions by repeating the last row or column.
+    dimensions by repeating the last row or column. `crf` is x264's constant rate factor: 0 is lossless, 51 the worst.
     """
     import av
 
@@ -44,7 +46,7 @@ def write_mp4(path: str | Path, frames: np.ndarray, fps: float = 10, min_height:
             stream = container.add_stream("libx264", rate=Fraction(fps).limit_denominator(1001))
             stream.width, stream.height = width + width % 2, height + height % 2
             stream.pix_fmt = "yuv420p"
-            stream.options = {"crf": str(CRF), "preset": "medium"}
+            stream.options = {"crf": str(crf), "preset": "medium"}
             for frame in frames:
                 picture = np.pad(upscale(frame, factor), padding, mode="edge")
                 container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))

@@ -3,11 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
-from artifacts import ArtifactError, UsageError, default_path, read_artifact, write_artifact, write_overview
+from artifacts import (
+    ArtifactError,
+    UsageError,
+    atomic_folder,
+    default_path,
+    read_artifact,
+    write_artifact,
+    write_mp4,
+    write_overview,
+)
 from stages.configs import DEFAULT_PRESET, DemosConfig, defaults
 from stages.demonstrators import Demonstrator, Expert, Person
 from stages.run import RunOptions, StageResult, environment, full_config, pick_workers
@@ -15,7 +27,10 @@ from stages.seeding import generator
 from stages.simulation.contexts import Contexts, repeat, take
 from stages.simulation.task import Task
 
+Film = Callable[[dict[str, np.ndarray], np.ndarray], None]
+
 CHUNK = 256  # demonstrations rolled out and drawn at a time
+FOOTAGE_SCALE = 5  # pixels of an MP4 a pixel of a frame
 TEMPO_KNOTS = 3  # speeds that make a video's tempo
 MAX_ATTEMPTS = 4  # times n: an expert that fails more often than this makes no demonstrations
 
@@ -42,6 +57,8 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
     name = file_name(task_name) + ("" if run.preset == DEFAULT_PRESET else f"-{run.preset}")
     out = run.out or default_path(Path("runs"), name, "demos")
     drawn_from = distribution(config.contexts, config.vary)
+    if config.videos and Path(config.videos).exists():
+        raise UsageError(f"--videos {config.videos}: exists already: remove it, or give another name")
     task.varied(drawn_from)  # Says what is wrong with it before an expert is trained.
     demonstrator = _demonstrator(task, expert, run, out.parent)
     filmed = demonstrator.task
@@ -55,6 +72,7 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
     chunk = min(CHUNK, config.n)
     with (
         RenderPool.of(filmed, workers) as pool,
+        _footage(filmed, config, workers) as write,
         run.progress.bar(f"collect-demos {task_name}", config.n, "demos") as bar,
     ):
         while kept < config.n:
@@ -86,6 +104,7 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
             steps = np.rint(times * task.frame_every).astype(int)
             qpos = np.take_along_axis(episode.qpos[chosen], steps[:, :, None], axis=1)
             videos[kept - len(chosen) : kept] = pool.render(filmed.model_fields(part), qpos)
+            write(filmed.model_fields(part), qpos)
             played.append(times)
             contexts.append(part)
             initial.append(episode.initial_distance[chosen])
@@ -134,6 +153,30 @@ def playback(rng: np.random.Generator, n: int, frames: int, jitter: float) -> np
     at = np.linspace(0, TEMPO_KNOTS - 1, frames - 1)
     steps = np.stack([np.interp(at, np.arange(TEMPO_KNOTS), knots) for knots in speeds])
     return np.minimum(np.concatenate([np.zeros((n, 1)), steps.cumsum(axis=1)], axis=1), frames - 1)
+
+
+@contextmanager
+def _footage(
+    task: Task, config: DemosConfig, workers: int
+) -> Iterator[Callable[[dict[str, np.ndarray], np.ndarray], None]]:
+    """A function (fields, qpos) that writes videos into the folder `config.videos`; none is wanted: it does nothing."""
+    from stages.simulation.render import RenderPool
+
+    if not config.videos:
+        yield lambda fields, qpos: None
+        return
+    height, width = (FOOTAGE_SCALE * side for side in task.frame_size)
+    fps = 1 / (task.control_timestep * task.frame_every)
+    numbers = itertools.count()
+    with atomic_folder(config.videos) as temporary, RenderPool(task.model, height, width, workers, task.camera) as pool:
+
+        def write(fields: dict[str, np.ndarray], qpos: np.ndarray) -> None:
+            for k in range(len(qpos)):
+                one = {name: values[k : k + 1] for name, values in fields.items()}
+                frames = pool.render(one, qpos[k : k + 1])[0]
+                write_mp4(temporary / f"demo-{next(numbers):05d}.mp4", frames, fps, crf=config.crf)
+
+        yield write
 
 
 def _demonstrator(task: Task, expert: Path | None, run: RunOptions, folder: Path) -> Demonstrator:

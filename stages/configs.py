@@ -88,6 +88,12 @@ class DemosConfig:
         low=0,
         high=1,
     )
+    videos: str = option(
+        "",
+        "Also write each, 5 times as high and wide, as an MP4 into this new folder: footage such as a camera's, that "
+        "import-demos reads.",
+    )
+    crf: int = option(23, "Compression of these MP4s: x264's constant rate factor, 0 (none) to 51.", low=0, high=51)
 
 
 @dataclass(frozen=True)

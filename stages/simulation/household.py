@@ -50,6 +50,7 @@ class Household(Task):
 
     factors = ("azimuth", "elevation", "distance", "colour", "goal", "initial")
     default_factors = ("azimuth", "colour", "goal", "initial")
+    oversampling = 3
     start: tuple[float, ...]  # the tool's pose at the start
 
     def __init__(self, driver: str = "arm"):

@@ -46,16 +46,19 @@ class TileRenderer:
     Not thread-safe: use it from the thread that made it, and `close` it there.
     """
 
-    def __init__(self, model: mujoco.MjModel, height: int, width: int, camera: str | int = "context"):
-        """Prepare to draw what `camera` (a name or an id) sees."""
+    def __init__(
+        self, model: mujoco.MjModel, height: int, width: int, camera: str | int = "context", oversampling: int = 1
+    ):
+        """Prepare to draw what `camera` (a name or an id) sees, each pixel the mean of `oversampling` squared ones."""
         import mujoco
 
         self._mujoco = mujoco
         self._model = mujoco.MjModel.__copy__(model)
         self._data = mujoco.MjData(self._model)
-        self._height, self._width = height, width
+        self._size, self._oversampling = (height, width), oversampling
+        self._height, self._width = height * oversampling, width * oversampling
         self._columns, self._rows = TILES
-        full_width, full_height = self._columns * width, self._rows * height
+        full_width, full_height = self._columns * self._width, self._rows * self._height
         self._model.vis.global_.offwidth = full_width
         self._model.vis.global_.offheight = full_height
         self._gl: Any = None
@@ -93,7 +96,7 @@ class TileRenderer:
             Frames (V, T, H, W, 3), uint8 RGB.
         """
         n_videos, n_frames = qpos.shape[:2]
-        out = np.empty((n_videos, n_frames, self._height, self._width, 3), np.uint8)
+        out = np.empty((n_videos, n_frames, *self._size, 3), np.uint8)
         self._gl.make_current()
         for videos, frames in pieces(n_videos, n_frames):
             out[videos, frames] = self._draw({k: v[videos] for k, v in fields.items()}, qpos[videos, frames])
@@ -121,7 +124,7 @@ class TileRenderer:
                 viewport.bottom = (tile // self._columns) * self._height
                 mujoco.mjr_render(viewport, self._scene, self._render_context)
                 tile += 1
-        return self._read_back(tile).reshape(*qpos.shape[:2], self._height, self._width, 3)
+        return reduced(self._read_back(tile), self._oversampling).reshape(*qpos.shape[:2], *self._size, 3)
 
     def _read_back(self, tiles: int) -> np.ndarray:
         """Frames (tiles, H, W, 3) of the buffer's first tiles; the buffer's rows run upwards."""
@@ -140,11 +143,22 @@ class TileRenderer:
             self._gl = None
 
 
-def _serve(connection: Connection, model: mujoco.MjModel, height: int, width: int, camera: str | int) -> None:
+def reduced(frames: np.ndarray, factor: int) -> np.ndarray:
+    """Frames (n, H, W, 3), uint8, from ones `factor` times as high and wide: means over blocks, as cameras take."""
+    if factor == 1:
+        return frames
+    n, height, width, _ = frames.shape
+    blocks = frames.reshape(n, height // factor, factor, width // factor, factor, 3)
+    return ((blocks.sum(axis=(2, 4), dtype=np.uint32) + factor**2 // 2) // factor**2).astype(np.uint8)
+
+
+def _serve(
+    connection: Connection, model: mujoco.MjModel, height: int, width: int, camera: str | int, oversampling: int
+) -> None:
     """A render process: answers (fields, qpos) with frames until it is told None."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks: it ends this one.
     try:
-        renderer = TileRenderer(model, height, width, camera)
+        renderer = TileRenderer(model, height, width, camera, oversampling)
     except PlatformError as error:
         connection.send(str(error))
         return
@@ -161,20 +175,30 @@ def _serve(connection: Connection, model: mujoco.MjModel, height: int, width: in
 class RenderPool:
     """`workers` processes that draw frames of one model side by side. One worker draws in this process."""
 
-    def __init__(self, model: mujoco.MjModel, height: int, width: int, workers: int, camera: str | int = "context"):
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        height: int,
+        width: int,
+        workers: int,
+        camera: str | int = "context",
+        oversampling: int = 1,
+    ):
         self._size = (height, width)
         self._local: TileRenderer | None = None
         self._connections: list[Connection] = []
         self._processes: list[Any] = []
         if workers <= 1:
-            self._local = TileRenderer(model, height, width, camera)
+            self._local = TileRenderer(model, height, width, camera, oversampling)
             return
         os.environ.setdefault("LP_NUM_THREADS", "1")
         spawn = multiprocessing.get_context("spawn")
         try:
             for _ in range(workers):
                 ours, theirs = spawn.Pipe()
-                process = spawn.Process(target=_serve, args=(theirs, model, height, width, camera), daemon=True)
+                process = spawn.Process(
+                    target=_serve, args=(theirs, model, height, width, camera, oversampling), daemon=True
+                )
                 process.start()
                 theirs.close()
                 self._connections.append(ours)
@@ -192,7 +216,7 @@ class RenderPool:
     @classmethod
     def of(cls, task: Task, workers: int) -> RenderPool:
         """A pool that draws the task's frames."""
-        return cls(task.model, *task.frame_size, workers, task.camera)
+        return cls(task.model, *task.frame_size, workers, task.camera, task.oversampling)
 
     def render(self, fields: dict[str, np.ndarray], qpos: np.ndarray) -> np.ndarray:
         """Frames (V, T, H, W, 3) of V videos; as `TileRenderer.render`."""

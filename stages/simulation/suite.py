@@ -23,6 +23,7 @@ from dm_control.suite import base
 from artifacts.errors import UsageError
 from stages.seeding import generator
 from stages.simulation.contexts import DISTRIBUTIONS, ContextDistribution, Contexts
+from stages.simulation.render import reduced
 from stages.simulation.task import State, Task
 from stages.simulation.tasks import distribution, make_task
 
@@ -209,4 +210,6 @@ def load(
 def frame(physics: mujoco.Physics, task: Task) -> np.ndarray:
     """The frame (H, W, 3), uint8 RGB, that the task's camera sees: what the batch renderer draws."""
     # As the batch draws: a few scenes of the suite have mirrors for floors.
-    return physics.render(*task.frame_size, camera_id=task.camera, render_flag_overrides={"reflection": False})
+    size = (side * task.oversampling for side in task.frame_size)
+    drawn = physics.render(*size, camera_id=task.camera, render_flag_overrides={"reflection": False})
+    return reduced(drawn[None], task.oversampling)[0]

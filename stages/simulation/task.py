@@ -51,6 +51,8 @@ class Task(ABC):
         ramp: How the paper weights the reward over time in this task: `none` or `quadratic`.
         truncates: Whether the last control step merely cuts the episode off, so that values go on beyond it.
         camera: The camera that contexts place: its name or id in the model.
+        oversampling: Frames are drawn so many times as high and wide, and each block's mean is a pixel. Real footage is
+            reduced so; where demonstrations are none, sharp pixels do as well, and are drawn faster.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Task(ABC):
     ramp: str = "none"
     truncates: bool = False
     camera: str | int = "context"
+    oversampling: int = 1
 
     @property
     def frames(self) -> int:

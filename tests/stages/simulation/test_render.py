@@ -25,7 +25,7 @@ CASES = [(task, name, pixels) for task, names in SHOWN.items() for name, pixels 
 
 @pytest.fixture(scope="module")
 def renderer(task):
-    made = TileRenderer(task.model, *task.frame_size)
+    made = TileRenderer(task.model, *task.frame_size, oversampling=task.oversampling)
     yield made
     made.close()
 
@@ -137,7 +137,7 @@ def test_frames_have_the_tasks_size(task, draw, first_frames):
 
 
 def test_a_renderer_may_be_closed_twice(task):
-    renderer = TileRenderer(task.model, *task.frame_size)
+    renderer = TileRenderer(task.model, *task.frame_size, oversampling=task.oversampling)
     renderer.close()
     renderer.close()
 

@@ -168,7 +168,7 @@ class TestBothFaces:
 
         seen = np.stack([self.play(env, one, see)[::10] for one in actions])
         fields = task.model_fields(contexts)
-        renderer = TileRenderer(task.model, *task.frame_size)
+        renderer = TileRenderer(task.model, *task.frame_size, oversampling=task.oversampling)
         try:
             for k in range(self.EPISODES):
                 for j in range(seen.shape[1]):
@@ -190,7 +190,7 @@ class TestBothFaces:
         env, other = load(seed=self.SEED), load(seed=self.SEED)
         env.reset()
         alone = suite.frame(env.physics, task)
-        renderer = TileRenderer(task.model, *task.frame_size)
+        renderer = TileRenderer(task.model, *task.frame_size, oversampling=task.oversampling)
         one = {name: values[:1] for name, values in task.model_fields(contexts).items()}
         try:
             for _ in range(2):
