@@ -1,0 +1,59 @@
+"""A person is filmed, the footage is imported, and an arm of seven joints learns from it by guided policy search."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from artifacts import read_artifact, read_mp4
+from ifo_cli.main import main
+
+pytestmark = pytest.mark.gl
+TOY = ("--preset", "toy", "--workers", 1)
+
+
+@pytest.fixture
+def ifo(tmp_path, monkeypatch, capsys):
+    """A function that runs one command in this process; returns exit code, standard output and standard error."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words: object) -> tuple[int, str, str]:
+        code = main([*map(str, words)])
+        captured = capsys.readouterr()
+        return code, captured.out.strip(), captured.err
+
+    return run
+
+
+@pytest.mark.parametrize("reward", ["translation", "joints"])
+def test_from_footage_to_a_policy(ifo, tmp_path, reward):
+    code, filmed, _ = ifo("collect-demos", "push-real", "-n", 12, "--videos", "footage", "--crf", 28, *TOY)
+    assert code == 0 and not list((tmp_path / "runs").glob("*.expert.h5"))
+    footage = sorted((tmp_path / "footage").iterdir())
+    assert len(footage) == 12
+    assert read_mp4(footage[0]).shape == (25, 240, 240, 3)
+    code, imported, _ = ifo("import-demos", "footage", "--task", "push-real", "--preset", "toy")
+    assert code == 0
+    frames, seen = (read_artifact(path, "demos")["frames"].astype(float) for path in (filmed, imported))
+    assert frames.shape == seen.shape
+    assert 10 * np.log10(255**2 / np.square(frames - seen).mean()) > 27
+    code, path, _ = ifo("train-translator", imported, "--steps", 2, "--held-out", 2, *TOY)
+    code, path, said = ifo("translate", path, "-n", 2, *TOY)
+    assert code == 0 and "Kendall's tau" in said  # The person can be asked what they would do here.
+    code, path, said = ifo("learn-policy", path, "--learner", "gps", "--reward", reward, *TOY)
+    assert code == 0, said
+    code, figures, _ = ifo("evaluate", path, "--episodes", 2, "--json", *TOY)
+    assert code == 0
+    assert 0 <= json.loads(figures)["normalised_distance"] < 3
+
+
+def test_footage_replaces_nothing_and_nobody_else_shows_it(ifo, tmp_path):
+    (tmp_path / "footage").mkdir()
+    code, out, said = ifo("collect-demos", "push-real", "-n", 4, "--videos", "footage", *TOY)
+    assert (code, out) == (2, "") and said.count("\n") == 1 and "--videos footage: exists already" in said
+    (tmp_path / "an.expert.h5").touch()
+    code, out, said = ifo("collect-demos", "push-real", "-n", 4, "--expert", "an.expert.h5", *TOY)
+    assert code in (2, 3) and out == ""
+    assert not (tmp_path / "runs").exists()
