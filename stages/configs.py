@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 TASKS = ("reach", "push", "sweep", "strike")
-HOUSEHOLD = ("push-real", "sweep-paper", "sweep-almonds")
+HOUSEHOLD = ("push-real", "sweep-paper", "sweep-almonds", "ladle-almonds")
 CONTEXTS = ("paper", "narrow", "fixed")
 ARCHITECTURES = ("compact", "paper")
 LOSSES = ("trans", "rec", "align")
@@ -299,7 +299,7 @@ PRESETS: dict[str, dict[str, Any]] = {
 
 # What a task needs otherwise than its preset: task, or prefix of tasks, -> preset -> stage -> fields.
 _SUITE = {"learner": "sac", "hidden": 128, "discount": 0.99, "test_contexts": 50, "test_episodes": 4}
-_FILMED = {"collect-demos": {"n": 135}}  # as many as the paper has of push
+_FILMED = dict(zip(HOUSEHOLD, (135, 85, 100, 60), strict=True))  # demonstrations, as many as the paper has
 _ONE_COLOUR: dict[str, Any] = {"swap_colours": False}
 _STRIKE: dict[str, dict[str, Any]] = {"train-expert": {"iterations": 200}, "train-translator": _ONE_COLOUR}
 TASK_DEFAULTS: dict[str, dict[str, dict[str, dict[str, Any]]]] = {
@@ -310,7 +310,7 @@ TASK_DEFAULTS: dict[str, dict[str, dict[str, dict[str, Any]]]] = {
         "*": {**_STRIKE, "learn-policy": {"image_weight": 8.0}},
         "paper": _STRIKE,
     },
-    **{task: {"*": _FILMED, "toy": {"collect-demos": {"n": 32}}} for task in HOUSEHOLD},
+    **{task: {"*": {"collect-demos": {"n": n}}, "toy": {"collect-demos": {"n": 32}}} for task, n in _FILMED.items()},
     "dm:": {
         "*": {
             "train-expert": {**_SUITE, "iterations": 60, "episodes": 4, "updates": 0.25},

@@ -21,7 +21,6 @@ from stages.simulation.sawyer import HOME, JOINTS, add_sawyer
 from stages.simulation.scene import ARM, HIDDEN_GROUP, NOTHING, OBJECT, add_table, make_scene
 from stages.simulation.task import State, Task
 
-BASE = (-0.6, 0.0, 0.1)  # of the arm, metres
 ROD = 0.4  # of a tool, metres: what holds it is out of the picture
 ROD_RADIUS = 0.012
 TABLE_HALF_SIZE = 1.5
@@ -44,14 +43,20 @@ CANONICAL_TABLE = np.array([0.55, 0.45, 0.35])
 class Household(Task):
     """A task with a tool, with the other tasks' timing.
 
-    Poses of the tool are rows (x, y, z, yaw, pitch): of its tip, metres, its front's direction, and how far it is
-    tipped forward, radians. The policy sees the arm's joints, where the tool's tip and front are, and the time.
+    Poses of the tool are rows (x, y, z, yaw, tilt): of its tip, metres, its front's direction, and how far it is turned
+    about its own axis `tilts`, radians. The policy sees the arm's joints, where the tool's tip and front are, and the
+    time.
     """
 
     factors = ("azimuth", "elevation", "distance", "colour", "goal", "initial")
     default_factors = ("azimuth", "colour", "goal", "initial")
     oversampling = 3
     start: tuple[float, ...]  # the tool's pose at the start
+    base: tuple[float, float, float] = (-0.6, 0.0, 0.1)  # of the arm, metres
+    held: tuple[float, float, float, float] = (0, 1, 0, 0)  # how the tool is turned against the flange
+    rod: tuple[float, float, float] = (0, 0, ROD)  # from the tool's tip to the flange, metres
+    tilts: tuple[int, int, int] = (0, 1, 0)
+    home: np.ndarray = HOME  # joints from which the arm's posture is sought, radians
 
     def __init__(self, driver: str = "arm"):
         """The tool is moved by the robot's `arm`, or by a person's `hand`."""
@@ -87,12 +92,12 @@ class Household(Task):
         _add_textures(root)
         add_table(root, TABLE_HALF_SIZE, rgba=(*CANONICAL_TABLE, 1), contype=0, conaffinity=ARM["contype"])
         if self._driver == "arm":
-            flange = add_sawyer(root, BASE)
-            tool = flange.add("body", name="tool", pos=(0, 0, ROD), quat=(0, 1, 0, 0), gravcomp=1)
+            flange = add_sawyer(root, self.base)
+            tool = flange.add("body", name="tool", pos=(0, 0, ROD), quat=self.held, gravcomp=1)
         else:
-            tool = _add_hand(root)
+            tool = _add_hand(root, self.tilts)
         rod = {"type": "capsule", "size": (ROD_RADIUS,), "rgba": (0.25, 0.2, 0.15, 1), "mass": 0.1}
-        tool.add("geom", name="rod", fromto=(0, 0, 0.06, 0, 0, ROD), **rod, **NOTHING)
+        tool.add("geom", name="rod", fromto=(*0.15 * np.asarray(self.rod), *self.rod), **rod, **NOTHING)
         tool.add("site", name="tip", pos=(0, 0, 0), size=(0.005,), rgba=(0, 0, 0, 0))
         tool.add("site", name="front", pos=(0.1, 0, 0), size=(0.005,), rgba=(0, 0, 0, 0))
         self.add_tool(tool)
@@ -201,7 +206,11 @@ class Household(Task):
         return path
 
     def plan(self, contexts: Contexts, rng: np.random.Generator | None = None) -> np.ndarray:
-        return self.path(contexts, rng)[1:] / HAND_REACH
+        return self.demonstrated(self.path(contexts, rng)[1:])
+
+    def demonstrated(self, poses: np.ndarray) -> np.ndarray:
+        """The actions (..., 5) by which a hand brings the tool to `poses`."""
+        return poses / HAND_REACH
 
     def kinesthetic(self, contexts: Contexts) -> np.ndarray:
         poses = self.path(contexts)[: self.control_steps : self.frame_every]
@@ -216,24 +225,23 @@ class Household(Task):
         from dm_control.utils.inverse_kinematics import qpos_from_site_pose
 
         physics = mjcf.Physics.from_mjcf_model(self.build())
-        physics.data.qpos[: len(HOME)] = HOME
+        physics.data.qpos[: len(HOME)] = self.home
         postures = []
         for pose in poses:
             found = qpos_from_site_pose(
-                physics, "tip", pose[:3], _turned(pose[3], pose[4]), joint_names=JOINTS, tol=1e-6, inplace=True
+                physics, "tip", pose[:3], self._turned(*pose[3:]), joint_names=JOINTS, tol=1e-6, inplace=True
             )
             if not found.success:
                 raise ValueError(f"the arm cannot bring the tool to {pose}")
             postures.append(physics.data.qpos[: len(HOME)].copy())
         return np.stack(postures)
 
+    def _turned(self, yaw: float, tilt: float) -> np.ndarray:
+        """The unit quaternion, scalar first, of a tool with this yaw and tilt."""
+        from scipy.spatial.transform import Rotation
 
-def _turned(yaw: float, pitch: float) -> np.ndarray:
-    """The unit quaternion, scalar first, of a tool with this yaw and pitch."""
-    from scipy.spatial.transform import Rotation
-
-    xyzw = Rotation.from_euler("ZY", [yaw, pitch]).as_quat()
-    return xyzw[[3, 0, 1, 2]]
+        turned = Rotation.from_euler("z", yaw) * Rotation.from_rotvec(tilt * np.asarray(self.tilts, float))
+        return turned.as_quat()[[3, 0, 1, 2]]
 
 
 def _add_textures(root: mjcf.RootElement) -> None:
@@ -251,15 +259,15 @@ def _add_textures(root: mjcf.RootElement) -> None:
         root.asset.add("material", name=name, texture=texture, texrepeat=repeat, specular=0)
 
 
-def _add_hand(root: mjcf.RootElement) -> mjcf.Element:
+def _add_hand(root: mjcf.RootElement, tilts: tuple[int, int, int]) -> mjcf.Element:
     """Add what a person moves a tool by: its five joints, each of which goes where an action asks; returns the body."""
-    body = root.worldbody.add("body", name="tool")
+    body = root.worldbody.add("body", name="tool", gravcomp=1)
     joints: tuple[tuple[str, str, tuple[int, int, int]], ...] = (
         ("x", "slide", (1, 0, 0)),
         ("y", "slide", (0, 1, 0)),
         ("z", "slide", (0, 0, 1)),
         ("yaw", "hinge", (0, 0, 1)),
-        ("pitch", "hinge", (0, 1, 0)),
+        ("tilt", "hinge", tilts),
     )
     for k, (name, kind, axis) in enumerate(joints):
         joint = body.add("joint", name=f"hand_{name}", type=kind, axis=axis, armature=1.0)

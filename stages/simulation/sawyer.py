@@ -16,6 +16,7 @@ from stages.simulation.scene import NOTHING
 GREY, RED = (0.45, 0.45, 0.48, 1), (0.5, 0.1, 0.1, 1)
 TORQUE = 0.25  # share of the published torque limits that an action of 1 gives
 ARMATURE = 0.1  # kg m^2
+FRICTION = 0.0125  # dry friction over the torque limit: enough to hold a ladle of almonds
 FLANGE = 0.0245  # metres from the last joint to what holds a tool
 HOME = np.array([0.0, -1.18, 0.0, 2.18, 0.0, 0.57, 0.1745])  # radians: the hand points down, its front ahead
 
@@ -85,6 +86,7 @@ def add_sawyer(root: mjcf.RootElement, base: tuple[float, float, float]) -> mjcf
             limited=True,
             range=link.limits,
             armature=ARMATURE,
+            frictionloss=FRICTION * link.torque,
             damping=TORQUE * link.torque / link.speed,
         )
         parent.add(

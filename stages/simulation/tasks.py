@@ -29,6 +29,7 @@ def make_task(name: str, typed: bool = False) -> Task:
     Raises:
         UsageError: There is no such task, or it may not be imported.
     """
+    from stages.simulation.ladle_real import LadleAlmonds
     from stages.simulation.push import Push
     from stages.simulation.push_real import PushReal
     from stages.simulation.reach import Reach
@@ -36,7 +37,7 @@ def make_task(name: str, typed: bool = False) -> Task:
     from stages.simulation.sweep import Sweep
     from stages.simulation.sweep_real import SweepAlmonds, SweepPaper
 
-    kinds = Reach, Push, Sweep, Strike, PushReal, SweepPaper, SweepAlmonds
+    kinds = Reach, Push, Sweep, Strike, PushReal, SweepPaper, SweepAlmonds, LadleAlmonds
     tasks: dict[str, type[Task]] = {task.name: task for task in kinds}
     if name in tasks:
         return tasks[name]()

@@ -64,7 +64,7 @@ def test_the_suites_tasks_need_no_trust(monkeypatch):
 @pytest.mark.parametrize("typed", [False, True])
 def test_unknown_names_are_usage_errors_that_list_the_choices(typed):
     with pytest.raises(
-        UsageError, match=r"'fetch': expected one of reach, push, .*sweep-almonds, dm:.*, or MODULE:ATTR"
+        UsageError, match=r"'fetch': expected one of reach, push, .*ladle-almonds, dm:.*, or MODULE:ATTR"
     ):
         make_task("fetch", typed)
 
