@@ -24,7 +24,7 @@ VARY = (
 )
 LEARNERS = ("trpo", "ppo", "sac")
 LOCAL_LEARNERS = ("gps",)  # learn in one context alone, by local models
-TRACKED_REWARDS = ("translation", "video", "oracle", "joints")  # squared distances, which they need
+TRACKED_REWARDS = ("translation", "video", "oracle", "joints", "pretrained")  # squared distances, which they need
 SPLITS = ("held-out", "all")
 EXPORT_FORMATS = ("lerobot", "robomimic", "minari")
 CAMERA = "camera"

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 EXPERTS = 1024  # demonstrations that a discriminator sees
 TRACKED = 128  # demonstrations whose pretrained features are averaged
+EXAMPLES = 32  # of these, from which guided policy search's principal components are made
+COMPONENTS = 100  # of them, at most, as in the paper (Sec. VI.D.1)
 UNSKILLED = 256  # videos of random actions that TPIL learns from
 
 
@@ -55,10 +57,16 @@ def make_reward(
         return _adversarial(config, task, source, contexts, pool, seed, device)
     if config.reward == "pretrained":
         from stages.rewards.networks import load_network
-        from stages.rewards.pretrained import PretrainedReward, track
+        from stages.rewards.pretrained import PretrainedReward, embedded_track, track
 
         network = load_network(config.weights).to(device)
-        target = track(network, _videos(_demonstrations(source), TRACKED), config.layer, device)
+        videos = _videos(_demonstrations(source), TRACKED)
+        target = track(network, videos, config.layer, device)
+        if config.learner == "gps":
+            from stages.rewards.projected import ProjectedTrackingReward
+
+            tracked = embedded_track(network, videos[:EXAMPLES], target, device)
+            return ProjectedTrackingReward(task, contexts, pool(), *tracked, ramp, COMPONENTS)
         return PretrainedReward(task, contexts, pool(), network, target, ramp, device)
     return _translation(config, task, source, contexts, pool, seed, device, ramp)
 

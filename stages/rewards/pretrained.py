@@ -6,6 +6,7 @@ the same time in their own contexts.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,6 +82,33 @@ def _track(layer: str, features: Tensor) -> FeatureTrack:
 def _moments(layer: str, features: Tensor, quality: float) -> FeatureTrack:
     spread = features.std(dim=0, correction=0)
     return FeatureTrack(layer, features.mean(dim=0), spread.clamp_min(LEAST_SPREAD * float(spread.mean())), quality)
+
+
+def embedded_track(
+    network: PretrainedNetwork, videos: np.ndarray, target: FeatureTrack, device: str
+) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray, np.ndarray]:
+    """The tracking for a learner of quadratic costs: features over their spread, which is the mean over time here.
+
+    Args:
+        network: The network.
+        videos: Demonstrations (N, T, H, W, 3), uint8.
+        target: What is tracked.
+
+    Returns:
+        A function from frames (n, H, W, 3) to embeddings (n, E); embeddings of the target (T, E), and of frames (M, E).
+    """
+    scale = target.spread.mean(dim=0) * target.mean.shape[1] ** 0.5
+
+    @torch.no_grad()
+    def embed(frames: np.ndarray) -> np.ndarray:
+        parts = []
+        for start in range(0, len(frames), CHUNK):
+            images = to_images(torch.from_numpy(frames[start : start + CHUNK]).to(device))
+            *_, (_, features) = network.features(images, target.layer)
+            parts.append((features / scale).double().cpu().numpy())
+        return np.concatenate(parts)
+
+    return embed, (target.mean / scale).double().cpu().numpy(), embed(videos.reshape(-1, *videos.shape[2:]))
 
 
 class PretrainedReward(FrameReward):

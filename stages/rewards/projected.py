@@ -50,6 +50,7 @@ class ProjectedTrackingReward(FrameReward):
         target: np.ndarray,
         examples: np.ndarray,
         ramp: str = "none",
+        most: int = MOST,
     ):
         """Track `target` in `context` (leading axis 1).
 
@@ -61,10 +62,11 @@ class ProjectedTrackingReward(FrameReward):
             target: Embeddings to track (T, E).
             examples: Embeddings (M, E), whose principal components z is made of.
             ramp: `quadratic` weights frame j by j^2, scaled to a mean of one.
+            most: Components at most.
         """
         super().__init__(task, context, pool)
         self._embed = embed
-        self._centre, self._basis = principal_components(np.concatenate([examples, target]))
+        self._centre, self._basis = principal_components(np.concatenate([examples, target]), most)
         self._frame_weights = time_weights(ramp, task.frames)
         self._frame_targets = self._project(target)
         self.components = self._basis.shape[1]
@@ -86,15 +88,15 @@ class ProjectedTrackingReward(FrameReward):
         return self._seen
 
 
-def principal_components(examples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (E,) and orthonormal directions (E, m) of examples (M, E), strongest first; `MOST`, `KEPT` say how many."""
+def principal_components(examples: np.ndarray, most: int = MOST) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (E,) and orthonormal directions (E, m) of examples (M, E), strongest first; `most`, `KEPT` say how many."""
     centre = examples.mean(axis=0)
     apart = examples - centre
     # By way of the M x M matrix of products: there are fewer examples than pixels.
     strengths, mixtures = np.linalg.eigh(apart @ apart.T)
     strengths, mixtures = np.maximum(strengths[::-1], 0), mixtures[:, ::-1]
     held = np.cumsum(strengths) / max(float(strengths.sum()), 1e-300)
-    most = min(MOST, examples.shape[1], len(examples) - 1)
+    most = min(most, examples.shape[1], len(examples) - 1)
     count = min(int(np.searchsorted(held, KEPT)) + 1, most)
     directions = apart.T @ mixtures[:, :count]
     return centre, directions / np.maximum(np.linalg.norm(directions, axis=0), 1e-12)

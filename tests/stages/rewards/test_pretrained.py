@@ -6,7 +6,8 @@ import torch
 
 from artifacts import PlatformError, UsageError
 from stages.rewards.networks import LITE_LAYERS, PretrainedNetwork, load_network
-from stages.rewards.pretrained import PretrainedReward, track
+from stages.rewards.pretrained import PretrainedReward, embedded_track, track
+from stages.rewards.projected import ProjectedTrackingReward
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +39,19 @@ def test_following_the_demonstrations_beats_standing_still(network, stage, squar
     still = stage.perform(reward, squares(2, speed=0, seed=3))
     assert (follows[:, 1:].mean(axis=0) > 2 * still[:, 1:].mean(axis=0)).all()  # Rewards are negative.
     assert set(reward.terms()) == {"return"}
+
+
+def test_principal_components_track_what_the_features_do(network, stage, squares):
+    videos = squares(2, n=12, seed=1)
+    target = track(network, videos, "block4", "cpu")
+    embed, goal, examples = embedded_track(network, videos, target, "cpu")
+    assert goal.shape[0] == videos.shape[1] and examples.shape == (videos[..., 0, 0, 0].size, goal.shape[1])
+    np.testing.assert_allclose(embed(videos[0]), examples[: len(goal)], rtol=1e-5, atol=1e-6)
+    reward = ProjectedTrackingReward(stage.task, {}, stage.pool, embed, goal, examples, most=20)
+    assert 2 <= reward.components <= 20
+    follows = stage.perform(reward, squares(2, seed=2))
+    still = stage.perform(reward, squares(2, speed=0, seed=3))
+    assert (follows[:, 1:].mean(axis=0) > 2 * still[:, 1:].mean(axis=0)).all()
 
 
 def test_the_ramp_weighs_late_frames(network, stage, squares):

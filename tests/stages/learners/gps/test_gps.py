@@ -207,7 +207,6 @@ def test_refusals_are_one_line():
     ("options", "message"),
     [
         ({"reward": "gail"}, "expected --reward translation, video, oracle, joints"),
-        ({"reward": "pretrained"}, "expected --reward translation, video, oracle, joints"),
         ({"reward": "tpil"}, "expected --reward translation, video, oracle, joints"),
         ({"negatives": 5}, "--negatives"),
     ],
