@@ -116,6 +116,11 @@ class TranslatorConfig:
     # Mirrored videos are more data, but another world to learn, too: a robot whose joints bend the other way.
     mirror: bool = option(False, "Mirror videos at random: for few demonstrations.")
     swap_colours: bool = option(True, "Swap green and blue at random: for contexts that differ in colour.")
+    augment: bool = option(
+        False,
+        "Change the light and colours of training videos a little at random, and shift them by a few pixels, each "
+        "video with its context frame as a whole: for few real videos.",
+    )
     ema: float = option(0.999, "Decay of the averaged weights (0: none).", low=0, high=1)
     held_out: int = option(256, "Demonstrations never trained on, for the metrics (at most a fifth).", low=2)
     evaluate_every: int = option(500, "Steps between evaluations on held-out demonstrations.", low=1)

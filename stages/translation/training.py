@@ -23,6 +23,7 @@ from stages.run import RunOptions
 from stages.seeding import generator, integer
 from stages.state import from_tree, to_tree
 from stages.translation.alignment import video_index
+from stages.translation.augmentation import augmented
 from stages.translation.layers import DropoutLinear
 from stages.translation.losses import LossWeights, translation_losses
 from stages.translation.networks import Translator, make_translator, to_images
@@ -160,6 +161,8 @@ class TranslatorTraining:
             images = torch.where(mirrored[:, None, None, None, None], images.flip(-1), images)
         if config.swap_colours:
             images = torch.where(swapped[:, None, None, None, None], images[:, :, [0, 2, 1]], images)
+        if config.augment:
+            images = augmented(images, generator(self.seed, "augment", self.step, group))
         shifts = 1 + rng.choice(len(chosen) - 1, min(config.pairings, len(chosen) - 1), replace=False)
         sources = [torch.from_numpy((np.arange(len(chosen)) + shift) % len(chosen)).to(self.device) for shift in shifts]
         reconstructed = None

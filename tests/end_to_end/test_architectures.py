@@ -8,7 +8,7 @@ from artifacts import read_artifact, verify_artifact
 from stages.translation.networks import RealTranslator, load_translator, to_images
 
 pytestmark = pytest.mark.gl
-TRAIN = ("--arch", "real", "--steps", 6, "--evaluate-every", 6)
+TRAIN = ("--arch", "real", "--augment", "--steps", 6, "--evaluate-every", 6)
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def translation(toy, ifo, translator):
 def test_is_read_back_as_what_it_was(translator, translation):
     artifact = read_artifact(translator)
     verify_artifact(translator)
-    assert (artifact.config["arch"], artifact.config["lambda_align"]) == ("real", 0.2)
+    assert (artifact.config["arch"], artifact.config["augment"], artifact.config["lambda_align"]) == ("real", True, 0.2)
     model = load_translator(artifact)
     assert isinstance(model, RealTranslator) and not model.training
     target = read_artifact(translation)

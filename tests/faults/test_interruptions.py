@@ -85,7 +85,7 @@ CASES = {
     "train-translator real": (
         (
             *("train-translator", "runs/reach-toy.demos.h5", "--steps", 30, "--checkpoint-every", 10),
-            *("--arch", "real"),
+            *("--arch", "real", "--augment"),
         ),
         "translator",
     ),

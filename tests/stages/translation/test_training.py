@@ -53,7 +53,8 @@ def test_same_seed_same_weights_other_seed_other_weights():
         {"schedule": "cosine"},
         {"schedule": "constant"},
         {"arch": "real"},
-        {"arch": "real", "groups": 2},
+        {"augment": True},
+        {"arch": "real", "augment": True, "groups": 2},
     ],
 )
 def test_a_restored_training_goes_on_bit_for_bit(options):
