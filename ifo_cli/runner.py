@@ -124,8 +124,8 @@ def _run(
             processes=processes,
         )
         task = task or (str(parents[0].config.get("task") or "") if parents else "")
-        learner = given.config.get("learner", "")
-        config = dataclasses.replace(defaults(run.preset, stage, task, learner), **given.config)
+        choice = given.config.get("learner") or given.config.get("arch") or ""
+        config = dataclasses.replace(defaults(run.preset, stage, task, choice), **given.config)
         made = _make_folder(out) if processes.main else []
         try:
             result = call(config, run, paths)

@@ -11,7 +11,7 @@ from typing import Any
 TASKS = ("reach", "push", "sweep", "strike")
 HOUSEHOLD = ("push-real", "sweep-paper", "sweep-almonds", "ladle-almonds")
 CONTEXTS = ("paper", "narrow", "fixed")
-ARCHITECTURES = ("compact", "paper")
+ARCHITECTURES = ("compact", "paper", "real")
 LOSSES = ("trans", "rec", "align")
 ALIGNMENTS = ("none", "dtw")
 REWARDS = ("translation", "oracle", "video", "pretrained", "gail", "tpil", "joints")
@@ -100,7 +100,12 @@ class DemosConfig:
 class TranslatorConfig:
     """Training of the context translator (Sec. IV)."""
 
-    arch: str = option("compact", "Network: the paper's, or a compact one for CPUs.", ARCHITECTURES)
+    arch: str = option(
+        "compact",
+        "Network: a compact one for CPUs, the paper's for simulation (paper), or its narrow one for real images (real, "
+        "with dropout and a lambda_2 of its own).",
+        ARCHITECTURES,
+    )
     steps: int = option(5000, "Optimiser steps (0: leave the weights random).", low=0)
     videos: int = option(16, "Videos a step; each is source of one pair and target of another.", low=2)
     frames: int = option(4, "Frames of each video a step, at the same times in all.", low=1)
@@ -122,6 +127,11 @@ class TranslatorConfig:
     # Mirrored videos are more data, but another world to learn, too: a robot whose joints bend the other way.
     mirror: bool = option(False, "Mirror videos at random: for few demonstrations.")
     swap_colours: bool = option(True, "Swap green and blue at random: for contexts that differ in colour.")
+    augment: bool = option(
+        False,
+        "Change the light and colours of training videos a little at random, and shift them by a few pixels, each "
+        "video with its context frame as a whole: for few real videos.",
+    )
     ema: float = option(0.999, "Decay of the averaged weights (0: none).", low=0, high=1)
     held_out: int = option(256, "Demonstrations never trained on, for the metrics (at most a fifth).", low=2)
     evaluate_every: int = option(500, "Steps between evaluations on held-out demonstrations.", low=1)
@@ -326,24 +336,25 @@ TASK_DEFAULTS: dict[str, dict[str, dict[str, dict[str, Any]]]] = {
         },
     },
 }
-# What a learner needs otherwise than the preset and the task have it: learner -> preset -> fields.
-LEARNER_DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
+# What a learner or an architecture needs otherwise than the preset and the task have it: it -> preset -> fields.
+CHOICE_DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
     "gps": {
         "*": {"iterations": 20, "episodes": 10, "kl": 1.0, "log_std": 0.0, "checkpoint_every": 1},
         "toy": {"iterations": 3, "episodes": 5, "kl": 1.0, "log_std": 0.0},
-    }
+    },
+    "real": {"*": {"lambda_align": 0.2}, "paper": {"lambda_align": 0.2, "steps": 63_000}},
 }
 
 
-def defaults(preset: str, stage: str, task: str = "", learner: str = "") -> Any:
-    """The configuration of `stage` under `preset`, with what `task` and `learner` need otherwise."""
+def defaults(preset: str, stage: str, task: str = "", choice: str = "") -> Any:
+    """The configuration of `stage` under `preset`, with what `task` and the learner or architecture need otherwise."""
     config = PRESETS[preset][stage]
     for prefix, presets in TASK_DEFAULTS.items():
         if task == prefix or (prefix.endswith(":") and task.startswith(prefix)):
             own = presets.get(preset, presets["*"] if preset != "toy" else {})
             config = replace(config, **own.get(stage, {}))
-    if learner in LEARNER_DEFAULTS:
-        config = replace(config, **LEARNER_DEFAULTS[learner].get(preset, LEARNER_DEFAULTS[learner]["*"]))
-    if learner in LOCAL_LEARNERS and task in HOUSEHOLD:
+    if choice in CHOICE_DEFAULTS:
+        config = replace(config, **CHOICE_DEFAULTS[choice].get(preset, CHOICE_DEFAULTS[choice]["*"]))
+    if choice in LOCAL_LEARNERS and task in HOUSEHOLD:
         config = replace(config, log_std=-1.2)  # Seven joints that all tremble move a tool far.
     return config

@@ -9,7 +9,7 @@ from stages.reproduction.plan import Job
 
 EXPERT_SAMPLES = 11_000  # a second: physics, policy and TRPO's updates
 DEMO_FRAMES = 3_000  # a second, of benchmarks/collect_demos.py
-PAIRS = {"compact": 240.0, "paper": 27.0}  # pairs of frames a second, of benchmarks/translator_step.py
+PAIRS = {"compact": 240.0, "paper": 27.0, "real": 95.0}  # pairs of frames a second, of benchmarks/translator_step.py
 TRANSLATE = 25.0  # seconds, quality of the reward included
 LEARNER_SAMPLES = 3_300  # a second, frames drawn and encoded (benchmarks/learn_cost.py)
 ORACLE_SAMPLES = 7_000

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from artifacts import PlatformError
+from stages.translation.layers import evaluating
 from stages.translation.networks import Translator, to_images
 
 SMOOTHING = 0.1  # soft-DTW's gamma, in units of the mean squared distance between two frames of a video
@@ -120,10 +121,11 @@ def video_index(model: Translator, frames: Tensor, reference: Tensor, device: st
     Returns:
         Whole frame indices (N, T).
     """
-    context = model.encode_context(to_images(reference[None].to(device)))
     features = []
-    for start in range(0, len(frames), CHUNK):
-        videos = frames[start : start + CHUNK]
-        z3 = model.translate(model.encode(to_images(videos.flatten(0, 1).to(device))), context)
-        features.append(z3.unflatten(0, videos.shape[:2]).cpu().numpy())
+    with evaluating(model):
+        context = model.encode_context(to_images(reference[None].to(device)))
+        for start in range(0, len(frames), CHUNK):
+            videos = frames[start : start + CHUNK]
+            z3 = model.translate(model.encode(to_images(videos.flatten(0, 1).to(device))), context)
+            features.append(z3.unflatten(0, videos.shape[:2]).cpu().numpy())
     return np.rint(common_index(np.concatenate(features))).astype(np.int64)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from stages.translation.layers import evaluating
 from stages.translation.metrics import feature_ratio, psnr, squared_error, ssim
 from stages.translation.networks import Translator, to_images
 
@@ -13,7 +14,7 @@ CHUNK = 8  # videos at a time
 
 @torch.no_grad()
 def evaluate_translator(model: Translator, frames: Tensor, device: str) -> dict[str, float]:
-    """Translate each held-out demonstration into the context of the one before.
+    """Translate each held-out demonstration into the context of the one before, without dropout.
 
     Args:
         frames: Held-out demonstrations (N, T, H, W, 3), uint8; two at least.
@@ -23,6 +24,11 @@ def evaluate_translator(model: Translator, frames: Tensor, device: str) -> dict[
         squared differences a frame in [0, 1]) and `align` (a sum over features), the same of copying the context
         frame (`copy_psnr`, `copy_ssim`, `copy_trans`, of its features `copy_align`), and the median `feature_ratio`.
     """
+    with evaluating(model):
+        return _evaluate(model, frames, device)
+
+
+def _evaluate(model: Translator, frames: Tensor, device: str) -> dict[str, float]:
     count = len(frames)
     totals: dict[str, list[Tensor]] = {}
     for start in range(0, count, CHUNK):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 
 import torch
@@ -28,6 +30,17 @@ def he_initialise(module: nn.Module) -> None:
                 nn.init.kaiming_normal_(layer.weight, a=LEAK)
             if layer.bias is not None:
                 nn.init.zeros_(layer.bias)
+
+
+class DropoutLinear(nn.Linear):
+    """A fully connected layer; in training, each of its inputs is dropped with probability `dropout`."""
+
+    def __init__(self, inputs: int, outputs: int, dropout: float):
+        super().__init__(inputs, outputs)
+        self.dropout = dropout
+
+    def forward(self, x: Tensor) -> Tensor:
+        return super().forward(F.dropout(x, self.dropout, self.training) if self.dropout else x)
 
 
 class SkipConvTranspose2d(nn.ConvTranspose2d):
@@ -64,12 +77,14 @@ class SkipConvTranspose2d(nn.ConvTranspose2d):
 
 
 class ConvEncoder(nn.Module):
-    """Stride-2 convolutions with LeakyReLU; returns the activations of every layer, finest first."""
+    """Convolutions with LeakyReLU; returns the activations of every layer, finest first."""
 
-    def __init__(self, channels: tuple[int, ...], kernel: int, in_channels: int = 3):
+    def __init__(self, channels: tuple[int, ...], strides: tuple[int, ...], kernel: int, in_channels: int = 3):
         super().__init__()
-        widths = (in_channels, *channels)
-        self.layers = nn.ModuleList(nn.Conv2d(a, b, kernel, stride=2, padding=kernel // 2) for a, b in pairwise(widths))
+        widths = pairwise((in_channels, *channels))
+        self.layers = nn.ModuleList(
+            nn.Conv2d(a, b, kernel, stride, padding=kernel // 2) for (a, b), stride in zip(widths, strides, strict=True)
+        )
 
     def forward(self, x: Tensor) -> list[Tensor]:
         activations = []
@@ -79,9 +94,20 @@ class ConvEncoder(nn.Module):
         return activations
 
 
-def halved(size: tuple[int, int], times: int) -> list[tuple[int, int]]:
-    """Sizes of an image after 0, 1, ..., `times` stride-2 convolutions with same padding."""
+def strided(size: tuple[int, int], strides: tuple[int, ...]) -> list[tuple[int, int]]:
+    """Sizes of an image before and after each of the convolutions of these strides, with same padding."""
     sizes = [size]
-    for _ in range(times):
-        sizes.append(((sizes[-1][0] + 1) // 2, (sizes[-1][1] + 1) // 2))
+    for stride in strides:
+        sizes.append((-(-sizes[-1][0] // stride), -(-sizes[-1][1] // stride)))
     return sizes
+
+
+@contextmanager
+def evaluating(model: nn.Module) -> Iterator[None]:
+    """Without dropout, in the with block alone."""
+    training = model.training
+    model.eval()
+    try:
+        yield
+    finally:
+        model.train(training)

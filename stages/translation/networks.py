@@ -1,7 +1,8 @@
-"""The context translator: Enc1, Enc2, T and Dec (Sec. IV), in two architectures.
+"""The context translator: Enc1, Enc2, T and Dec (Sec. IV), in three architectures.
 
-`paper` is the paper's simulation network. `compact` is for CPUs: it ties the encoders, lets T predict how the context
-frame's features change and Dec how its pixels change. Images inside the networks are float, (B, 3, H, W) in [-1, 1].
+`paper` is the paper's network for simulation, `real` its network for real images. `compact` is for CPUs: it
+ties the encoders, lets T predict how the context frame's features change and Dec how its pixels change. Images inside
+the networks are float, (B, 3, H, W) in [-1, 1].
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from torch.nn import functional as F
 
 from artifacts import Artifact, ArtifactError
 from stages.configs import ARCHITECTURES
-from stages.translation.layers import LEAK, ConvEncoder, SkipConvTranspose2d, halved, he_initialise
+from stages.translation.layers import LEAK, ConvEncoder, DropoutLinear, SkipConvTranspose2d, he_initialise, strided
 
 
 @dataclass
@@ -74,44 +75,42 @@ class Translator(nn.Module, ABC):
 class PaperTranslator(Translator):
     """The simulation network of Sec. VI.A: four 5x5 stride-2 convolutions, two layers of 1024, untied encoders."""
 
-    CHANNELS = (64, 128, 256, 512)
+    CHANNELS: tuple[int, ...] = (64, 128, 256, 512)
+    STRIDES: tuple[int, ...] = (2, 2, 2, 2)
+    FEATURES = 1024
+    TIED = False  # Enc1 = Enc2
+    DROPOUT = 0.0  # of the inputs of every fully connected layer
 
-    def __init__(self, size: tuple[int, int], feature_size: int = 1024):
+    def __init__(self, size: tuple[int, int], feature_size: int | None = None):
         super().__init__()
-        self.feature_size = feature_size
-        self.sizes = halved(size, len(self.CHANNELS))
+        self.feature_size = width = feature_size or self.FEATURES
+        self.sizes = strided(size, self.STRIDES)
         coarse = self.CHANNELS[-1] * self.sizes[-1][0] * self.sizes[-1][1]
 
-        def head() -> nn.Module:
-            return nn.Sequential(
-                nn.Linear(coarse, feature_size),
-                nn.LeakyReLU(LEAK),
-                nn.Linear(feature_size, feature_size),
-                nn.LeakyReLU(LEAK),
-            )
+        def dense(inputs: int, outputs: int) -> nn.Module:
+            return DropoutLinear(inputs, outputs, self.DROPOUT)
 
-        self.enc1, self.enc1_head = ConvEncoder(self.CHANNELS, 5), head()
-        self.enc2, self.enc2_head = ConvEncoder(self.CHANNELS, 5), head()
-        self.translation = nn.Sequential(
-            nn.Linear(2 * feature_size, feature_size),
-            nn.LeakyReLU(LEAK),
-            nn.Linear(feature_size, feature_size),
-        )
-        self.dec_head = nn.Linear(feature_size, coarse)
-        outputs = (256, 128, 64, 3)
+        def head() -> nn.Module:
+            return nn.Sequential(dense(coarse, width), nn.LeakyReLU(LEAK), dense(width, width), nn.LeakyReLU(LEAK))
+
+        self.enc1, self.enc1_head = ConvEncoder(self.CHANNELS, self.STRIDES, 5), head()
+        if not self.TIED:  # else there is no Enc2 of its own: weights are kept once
+            self.enc2, self.enc2_head = ConvEncoder(self.CHANNELS, self.STRIDES, 5), head()
+        self.translation = nn.Sequential(dense(2 * width, width), nn.LeakyReLU(LEAK), dense(width, width))
+        self.dec_head = dense(width, coarse)
+        outputs = (*self.CHANNELS[-2::-1], 3)
         inputs = (self.CHANNELS[-1], *outputs[:-1])
-        skips = self.CHANNELS[::-1]
-        self.dec = nn.ModuleList(
-            SkipConvTranspose2d(a, s, b, 5) for a, s, b in zip(inputs, skips, outputs, strict=True)
-        )
+        mirrored = zip(inputs, self.CHANNELS[::-1], outputs, self.STRIDES[::-1], strict=True)
+        self.dec = nn.ModuleList(SkipConvTranspose2d(a, s, b, 5, stride) for a, s, b, stride in mirrored)
         he_initialise(self)
 
     def encode(self, images: Tensor) -> Tensor:
         return self.enc1_head(self.enc1(images)[-1].flatten(1))
 
     def encode_context(self, images: Tensor) -> EncodedContext:
-        skips = self.enc2(images)
-        return EncodedContext(self.enc2_head(skips[-1].flatten(1)), skips, images)
+        convolutions, head = (self.enc1, self.enc1_head) if self.TIED else (self.enc2, self.enc2_head)
+        skips = convolutions(images)
+        return EncodedContext(head(skips[-1].flatten(1)), skips, images)
 
     def translate(self, z1: Tensor, context: EncodedContext) -> Tensor:
         z2 = context.features.repeat_interleave(len(z1) // len(context.features), dim=0)
@@ -124,6 +123,27 @@ class PaperTranslator(Translator):
             if k + 1 < len(self.dec):
                 x = F.leaky_relu(x, LEAK)
         return x
+
+
+class RealTranslator(PaperTranslator):
+    """The network for real images of Sec. VI.A: narrow, with tied encoders and dropout, for a hundred videos or so.
+
+    Convolutions of 32, 16, 16 and 8 filters with strides 1, 2, 1 and 2; fully connected layers and features of 100;
+    fractionally-strided convolutions of 16, 16, 32 and 3 filters with strides 1/2, 1, 1/2 and 1, each of which also
+    takes Enc2's layer of the same size; Enc1 = Enc2; dropout of one half at every fully connected layer.
+
+    Where the paper says nothing of this network, it is as the one for simulation: 5x5 kernels, two fully connected
+    layers an encoder, LeakyReLU, none behind T's last layer or the image. Dec's fully connected layer is as wide as
+    what it feeds, 8 filters at a quarter of the frame's size, for 100 numbers make no image. Dropout strikes what a
+    fully connected layer takes, not what it returns (the paper does not say which): features are whole where L_align
+    compares them and where the reward tracks them. As usual there is none outside training.
+    """
+
+    CHANNELS = (32, 16, 16, 8)
+    STRIDES = (1, 2, 1, 2)
+    FEATURES = 100
+    TIED = True
+    DROPOUT = 0.5
 
 
 class CompactTranslator(Translator):
@@ -221,7 +241,12 @@ def make_translator(arch: str, size: tuple[int, int]) -> Translator:
     """A freshly initialised translator; `arch` is one of ARCHITECTURES, `size` the frames' height and width."""
     if size[0] % 4 or size[1] % 4:
         raise ArtifactError(f"frames of {size[1]}x{size[0]} pixels: expected width and height to be multiples of 4")
-    return PaperTranslator(size) if arch == "paper" else CompactTranslator(size)
+    networks: dict[str, type[PaperTranslator] | type[CompactTranslator]] = {
+        "compact": CompactTranslator,
+        "paper": PaperTranslator,
+        "real": RealTranslator,
+    }
+    return networks[arch](size)
 
 
 def load_translator(artifact: Artifact, device: str = "cpu") -> Translator:
@@ -232,7 +257,8 @@ def load_translator(artifact: Artifact, device: str = "cpu") -> Translator:
     """
     arch, size = artifact.config["arch"], artifact.config["size"]
     if arch not in ARCHITECTURES or not size:
-        raise ArtifactError(f"{artifact.path}: architecture {arch!r} is unknown, expected {' or '.join(ARCHITECTURES)}")
+        known = ", ".join(ARCHITECTURES)
+        raise ArtifactError(f"{artifact.path}: architecture {arch!r} is unknown, expected one of {known}")
     with torch.random.fork_rng(devices=[]):
         model = make_translator(arch, tuple(size))
     try:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import copy
 import math
 import time
-from collections.abc import Callable
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,8 @@ from stages.run import RunOptions
 from stages.seeding import generator, integer
 from stages.state import from_tree, to_tree
 from stages.translation.alignment import video_index
+from stages.translation.augmentation import augmented
+from stages.translation.layers import DropoutLinear
 from stages.translation.losses import LossWeights, translation_losses
 from stages.translation.networks import Translator, make_translator, to_images
 
@@ -59,6 +61,7 @@ class TranslatorTraining:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(integer(seed, "translator"))
             self.model: Translator = make_translator(config.arch, (frames.shape[2], frames.shape[3])).to(device)
+        self._drops = any(isinstance(layer, DropoutLinear) and layer.dropout for layer in self.model.modules())
         self.average = copy.deepcopy(self.model) if config.ema else self.model
         self.optimiser = torch.optim.AdamW(
             self.model.parameters(),
@@ -99,7 +102,7 @@ class TranslatorTraining:
         config = self.config
         videos, contexts, sources, reconstructed = self._batch(group)
         use_amp = config.amp and self.device.startswith("cuda")
-        with torch.autocast("cuda", torch.bfloat16, enabled=use_amp):
+        with self._dropout(group), torch.autocast("cuda", torch.bfloat16, enabled=use_amp):
             losses = self._losses(self.model, videos, contexts, sources, config.motion_weight, reconstructed)
             total = (
                 self._weights.trans * losses["trans"]
@@ -108,6 +111,16 @@ class TranslatorTraining:
             )
         (total / len(self._groups)).backward()
         return {name: float(value.detach()) for name, value in losses.items()}
+
+    @contextmanager
+    def _dropout(self, group: int) -> Iterator[None]:
+        """What a group's dropout draws follows from seed, step and group, as its batch does: no state to keep."""
+        if not self._drops:
+            yield
+            return
+        with torch.random.fork_rng([self.device] if self.device.startswith("cuda") else []):
+            torch.manual_seed(integer(self.seed, "dropout", self.step, group))
+            yield
 
     def _share(self, losses: dict[str, float]) -> dict[str, float]:
         """Average gradients and losses over the processes.
@@ -148,6 +161,8 @@ class TranslatorTraining:
             images = torch.where(mirrored[:, None, None, None, None], images.flip(-1), images)
         if config.swap_colours:
             images = torch.where(swapped[:, None, None, None, None], images[:, :, [0, 2, 1]], images)
+        if config.augment:
+            images = augmented(images, generator(self.seed, "augment", self.step, group))
         shifts = 1 + rng.choice(len(chosen) - 1, min(config.pairings, len(chosen) - 1), replace=False)
         sources = [torch.from_numpy((np.arange(len(chosen)) + shift) % len(chosen)).to(self.device) for shift in shifts]
         reconstructed = None

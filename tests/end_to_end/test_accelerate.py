@@ -115,6 +115,15 @@ def test_two_processes_train_as_one_does_on_both_their_groups(tmp_path, demos, a
     assert_same(alone, together)
 
 
+def test_dropout_and_augmentation_are_a_groups_whoever_computes_it(tmp_path, demos):
+    one, two = tmp_path / "one.translator.h5", tmp_path / "two.translator.h5"
+    config = TranslatorConfig(**OPTIONS, arch="real", augment=True, lambda_align=0.2)
+    train_translator(config, RunOptions(seed=7, device="cpu", workers=1, out=one), demos)
+    done = train(tmp_path, demos, "--arch", "real", "--augment", "--out", two)
+    assert done.returncode == 0, done.stderr
+    assert_same(read_artifact(one), read_artifact(two))
+
+
 def test_together_they_resume(tmp_path, demos, alone, monkeypatch):
     out = tmp_path / "resumed.translator.h5"
     plain = TranslatorTraining.train_step

@@ -82,6 +82,13 @@ CASES = {
         ("train-translator", "runs/reach-toy.demos.h5", "--steps", 60, "--checkpoint-every", 20),
         "translator",
     ),
+    "train-translator real": (
+        (
+            *("train-translator", "runs/reach-toy.demos.h5", "--steps", 30, "--checkpoint-every", 10),
+            *("--arch", "real", "--augment"),
+        ),
+        "translator",
+    ),
     "learn-policy": (
         (
             *("learn-policy", "runs/reach-toy-c0.translation.h5", "--iterations", 12, "--checkpoint-every", 2),

@@ -81,6 +81,15 @@ def test_a_learner_brings_its_own_defaults_and_what_is_given_wins(run_ifo, calls
     assert (config.learner, config.episodes, config.kl) == ("gps", 10, 0.3)
 
 
+@pytest.mark.parametrize(("preset", "steps"), [("quick", 5000), ("paper", 63_000)])
+def test_the_network_for_real_images_brings_its_own_defaults(run_ifo, calls, make, preset, steps):
+    words = ["train-translator", make("demos", preset=preset), "--arch", "real"]
+    assert run_ifo(*words)[0] == 0 and run_ifo(*words, "--lambda-align", "0.05", "--augment")[0] == 0
+    own, given = (config for _, (config, *_) in calls)
+    assert (own.arch, own.steps, own.lambda_align, own.augment) == ("real", steps, 0.2, False)
+    assert (given.lambda_align, given.augment) == (0.05, True)
+
+
 def test_expert_is_a_parent(run_ifo, calls, make):
     path = make("expert", preset="toy", seed=5)
     assert run_ifo("collect-demos", "reach", "--expert", path)[0] == 0

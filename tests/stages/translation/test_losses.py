@@ -5,14 +5,23 @@ import torch
 
 from stages.translation.losses import translation_losses
 from stages.translation.metrics import feature_ratio, psnr, squared_error, ssim
-from stages.translation.networks import CompactTranslator
+from stages.translation.networks import CompactTranslator, RealTranslator, Translator
 
 
+def compact() -> Translator:
+    return CompactTranslator((16, 16), 12, 8, 8, 16)
+
+
+def real() -> Translator:
+    return RealTranslator((16, 16)).eval()  # Without dropout, which no two frames have in common.
+
+
+@pytest.mark.parametrize("network", [compact, real])
 @pytest.mark.parametrize("reconstructed", [None, [2, 0]])
-def test_losses_equal_their_definition_frame_by_frame(reconstructed):
+def test_losses_equal_their_definition_frame_by_frame(network, reconstructed):
     with torch.random.fork_rng():
         torch.manual_seed(1)
-        model = CompactTranslator((16, 16), 12, 8, 8, 16).double()
+        model = network().double()
         for parameter in model.parameters():
             parameter.data += 0.05 * torch.randn_like(parameter)
         videos = torch.rand(3, 4, 3, 16, 16, dtype=torch.float64) * 2 - 1
@@ -38,7 +47,7 @@ def test_losses_equal_their_definition_frame_by_frame(reconstructed):
 
 
 def test_motion_weight_counts_moving_pixels_more():
-    model = CompactTranslator((16, 16), 12, 8, 8, 16)
+    model = compact()
     still = torch.zeros(2, 3, 3, 16, 16)
     moved = still.clone()
     moved[:, 1:, :, 4:8, 4:8] = 1.0

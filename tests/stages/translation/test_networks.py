@@ -5,10 +5,18 @@ import torch
 from torch import nn
 
 from artifacts import ArtifactError
+from stages.translation.layers import DropoutLinear, evaluating
 from stages.translation.losses import translation_losses
-from stages.translation.networks import CompactTranslator, PaperTranslator, make_translator, to_frames, to_images
+from stages.translation.networks import (
+    CompactTranslator,
+    PaperTranslator,
+    RealTranslator,
+    make_translator,
+    to_frames,
+    to_images,
+)
 
-ARCHITECTURES = ("compact", "paper")
+ARCHITECTURES = ("compact", "paper", "real")
 SIZES = ((48, 48), (36, 64))
 
 
@@ -20,7 +28,9 @@ def seeded():
 
 
 def small(arch: str, size=(48, 48)):
-    return PaperTranslator(size, feature_size=64) if arch == "paper" else CompactTranslator(size, 32, 8, 16, 32)
+    if arch == "compact":
+        return CompactTranslator(size, 32, 8, 16, 32)
+    return RealTranslator(size) if arch == "real" else PaperTranslator(size, feature_size=64)
 
 
 @pytest.mark.parametrize("arch", ARCHITECTURES)
@@ -50,6 +60,54 @@ def test_paper_network_has_the_papers_layers():
     assert [(c.in_channels, c.out_channels) for c in model.dec] == [(1024, 256), (512, 128), (256, 64), (128, 3)]
 
 
+def test_real_network_has_the_papers_layers():
+    model = RealTranslator((48, 48))
+    assert [(c.out_channels, c.kernel_size, c.stride) for c in model.enc1.layers] == [
+        (width, (5, 5), (stride, stride)) for width, stride in ((32, 1), (16, 2), (16, 1), (8, 2))
+    ]
+    # Each fractionally-strided convolution takes the layer before and Enc2's layer of the same size.
+    assert [(c.in_channels, c.out_channels, c.stride[0]) for c in model.dec] == [
+        (16, 16, 2),
+        (32, 16, 1),
+        (32, 32, 2),
+        (64, 3, 1),
+    ]
+    assert [activation.shape[1:] for activation in model.enc1(torch.rand(1, 3, 48, 48))] == [
+        (32, 48, 48),
+        (16, 24, 24),
+        (16, 24, 24),
+        (8, 12, 12),
+    ]
+    assert model.feature_size == 100
+    dense = [layer for layer in model.modules() if isinstance(layer, nn.Linear)]
+    assert [(layer.in_features, layer.out_features) for layer in dense] == [
+        (8 * 12 * 12, 100),
+        (100, 100),
+        (200, 100),
+        (100, 100),
+        (100, 8 * 12 * 12),
+    ]
+    assert all(isinstance(layer, DropoutLinear) and layer.dropout == 0.5 for layer in dense)
+
+
+def test_real_network_ties_its_encoders():
+    model = RealTranslator((48, 48)).eval()
+    images = torch.rand(2, 3, 48, 48) * 2 - 1
+    assert torch.equal(model.encode_context(images).features, model.encode(images))
+    assert not any(name.startswith("enc2") for name in model.state_dict()), "tied weights are kept once"
+
+
+def test_dropout_doubles_or_drops_a_dense_layers_inputs_in_training_alone():
+    layer = DropoutLinear(1000, 1, 0.5)
+    nn.init.ones_(layer.weight)
+    nn.init.zeros_(layer.bias)
+    kept = layer(torch.ones(50, 1000)) / 2000
+    assert kept.min() > 0.4 and kept.max() < 0.6 and kept.std() > 0
+    with evaluating(layer):
+        assert torch.equal(layer(torch.ones(1, 1000)), torch.full((1, 1), 1000.0))
+    assert layer.training, "and training goes on as before"
+
+
 @pytest.mark.parametrize("arch", ARCHITECTURES)
 @pytest.mark.parametrize("size", SIZES)
 def test_computing_the_skips_once_a_pair_changes_neither_losses_nor_gradients(arch, size):
@@ -61,6 +119,7 @@ def test_computing_the_skips_once_a_pair_changes_neither_losses_nor_gradients(ar
     gradients = {}
     for plain in (False, True):
         model.plain = plain
+        torch.manual_seed(0)  # the same dropout
         losses = translation_losses(model, videos[:, 1:], videos[:, 0], sources, motion_weight=0.5)
         gradients[plain] = torch.autograd.grad(sum(losses.values()), list(model.parameters()))
     for split, joined in zip(gradients[False], gradients[True], strict=True):
