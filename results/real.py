@@ -1,0 +1,137 @@
+"""Makes results/real.csv and real.md: the household tasks, from footage to policies, beside two baselines (Sec. VI.D).
+
+    python results/real.py
+
+A person is filmed (as many demonstrations as the paper has, MP4s at crf 23), the footage is imported, a translator is
+trained on it, and in each of five contexts guided policy search learns from the translation, from its features alone
+(as in the paper), from features of an ImageNet network, from one demonstration's joint angles, and from the true state.
+Finished artifacts, in runs/real, are not made again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+from collections import defaultdict
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from commands import ifo
+
+from artifacts import read_artifact, sibling, stem_of
+from stages.configs import HOUSEHOLD
+from stages.reporting.rows import COLUMNS, Run, read_runs, row
+from stages.simulation.gl import choose_backend
+from stages.statistics import wilson
+
+HERE = Path(os.path.relpath(Path(__file__).parent))
+REAL = Path("runs/real")
+CONTEXTS = 5
+ROLLOUTS = ("--iterations", 25, "--episodes", 20)
+TRANSLATOR: dict[str, tuple[object, ...]] = {"": ("--augment",)}  # options; "": of all tasks without their own
+METHODS: dict[str, tuple[object, ...]] = {
+    "translation": (),
+    "features": ("--without", "img"),
+    "pretrained": ("--reward", "pretrained"),
+    "joints": ("--reward", "joints"),
+    "oracle": ("--reward", "oracle"),
+}
+# The paper's robot: its method, pretrained features, joint angles. Success of push, mean fraction of the others.
+PAPER = {
+    "push-real": (0.96, 0.25, 0.0),
+    "sweep-paper": (1.0, 0.0, 1.0),
+    "sweep-almonds": (0.747, 0.621, 0.673),
+    "ladle-almonds": (0.6625, 0.175, 0.106),
+}
+
+
+def translator(task: str, preset: tuple[object, ...]) -> Path:
+    """Film, import, train."""
+    demos = REAL / f"{task}.demos.h5"
+    if not demos.exists():
+        filmed = REAL / f"{task}-filmed.demos.h5"
+        ifo("collect-demos", task, "--videos", REAL / task, "--workers", 1, *preset, out=filmed)
+        ifo("import-demos", REAL / task, "--task", task, *preset, out=demos)
+    options = TRANSLATOR.get(task, TRANSLATOR[""])
+    words = ("train-translator", demos, *options, "--workers", 1, "--resume", *preset)
+    return ifo(*words, out=REAL / f"{task}.translator.h5")
+
+
+def learn(task: str, method: str, seed: int, preset: tuple[object, ...]) -> Path:
+    """One run and its evaluation."""
+    translation = REAL / f"{task}-c{seed}.translation.h5"
+    rollouts = () if preset else ROLLOUTS
+    words = ("learn-policy", translation, "--learner", "gps", *METHODS[method], *rollouts, "--workers", 1, "--resume")
+    policy = ifo(*words, *preset, out=REAL / f"{task}-{method}-c{seed}.policy.h5")
+    return ifo(
+        "evaluate",
+        policy,
+        "--workers",
+        1,
+        *preset,
+        out=sibling(policy, "").with_name(f"{stem_of(policy)}.evaluation.h5"),
+    )
+
+
+def markdown(cells: dict[tuple[str, str], list[Run]]) -> str:
+    """The table of cells."""
+    lines = [
+        "<!-- made by results/real.py -->",
+        "# Household tasks",
+        "",
+        "| task | method | runs | success [95%] | mean fraction | episodes | minutes | the paper's robot |",
+        "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |",
+    ]
+    for (task, method), runs in cells.items():
+        low, high = wilson(sum(run.success for run in runs), len(runs))
+        rate = np.mean([run.success for run in runs])
+        fraction = np.mean([1 - run.normalised_distance for run in runs])
+        minutes = np.mean([run.recorded["learning_minutes"] for run in runs])
+        episodes = np.mean([run.recorded["iterations"] * run.recorded["episodes"] for run in runs])
+        paper = dict(zip(("features", "pretrained", "joints"), PAPER[task], strict=True)).get(method)
+        lines.append(
+            f"| {task} | {method} | {len(runs)} | {rate:.2f} [{low:.2f}, {high:.2f}] | {fraction:.2f} | {episodes:.0f} "
+            f"| {minutes:.1f} | {'-' if paper is None else f'{paper:.2f}'} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--parallel", type=int, default=2, help="runs side by side")
+    parser.add_argument("--only", nargs="*", default=list(HOUSEHOLD), choices=HOUSEHOLD, help="tasks to run")
+    parser.add_argument("--contexts", type=int, default=CONTEXTS, help="contexts a task and method")
+    parser.add_argument("--toy", action="store_true", help="preset toy, to try this script; writes no table")
+    arguments = parser.parse_args()
+    choose_backend()
+    preset = ("--preset", "toy") if arguments.toy else ()
+    REAL.mkdir(parents=True, exist_ok=True)
+    seeds = range(arguments.contexts)
+    with ThreadPoolExecutor(arguments.parallel) as pool:
+        trained = dict(
+            zip(arguments.only, pool.map(lambda task: translator(task, preset), arguments.only), strict=True)
+        )
+        for task, seed in ((task, seed) for task in arguments.only for seed in seeds):
+            words = ("translate", trained[task], "--split", "all", "--context-seed", seed, "--workers", 1, *preset)
+            ifo(*words, out=REAL / f"{task}-c{seed}.translation.h5")
+        jobs = [(task, method, seed) for task in arguments.only for method in METHODS for seed in seeds]
+        list(pool.map(lambda job: learn(*job, preset), jobs))
+    if arguments.toy:
+        return
+    cells: dict[tuple[str, str], list[Run]] = defaultdict(list)
+    for task, method, seed in jobs:
+        path = REAL / f"{task}-{method}-c{seed}.evaluation.h5"
+        cells[task, method] += read_runs(read_artifact(path, "evaluation"))
+    with (HERE / "real.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, (*COLUMNS, "fraction"))
+        writer.writeheader()
+        for (_, method), runs in cells.items():
+            for run in runs:
+                writer.writerow({**row(run), "method": method, "fraction": round(1 - run.normalised_distance, 4)})
+    (HERE / "real.md").write_text(markdown(cells), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
