@@ -65,7 +65,7 @@ def _making(path: Path) -> Iterator[Path]:
         _fsync(path.parent)
     except OSError as error:
         reason = " ".join((error.strerror or str(error)).split())
-        raise PlatformError(f"{path}: cannot be written ({reason}): free some room or choose another --out") from error
+        raise PlatformError(f"{path}: cannot be written ({reason}): free some room or choose another place") from error
 
 
 def write_bytes(path: str | Path, data: bytes) -> Path:

@@ -15,6 +15,7 @@ EXAMPLES = (
     "ifo collect-demos reach --preset quick",
     "ifo collect-demos push --contexts narrow --vary azimuth,colour,goal,initial",
     "ifo collect-demos dm:reacher-easy -n 512",
+    "ifo collect-demos push-real --videos footage/ --crf 28",
     "ifo collect-demos reach --preset paper -n 3000 --expert runs/reach-quick.expert.h5",
 )
 
@@ -28,7 +29,7 @@ def collect_demos(
         typer.Option(metavar="PATH", help="Expert to film (default: one of the same preset is trained)."),
     ] = None,
 ) -> None:
-    """Film an expert doing a task, each video in a context of its own.
+    """Film an expert, or the person that a household task brings, doing a task, each video in a context of its own.
 
     Viewpoint, colours, positions and distractors differ from video to video. Only frames are recorded for
     learning: no actions, no states.

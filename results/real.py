@@ -5,7 +5,7 @@
 A person is filmed (as many demonstrations as the paper has, MP4s at crf 23), the footage is imported, a translator is
 trained on it, and in each of five contexts guided policy search learns from the translation, from its features alone
 (as in the paper), from features of an ImageNet network, from one demonstration's joint angles, and from the true state.
-Finished artifacts, in runs/real, are not made again.
+Finished artifacts, in runs/real, are not made again; the tables are of all evaluations in results/real.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from pathlib import Path
 import numpy as np
 from commands import ifo
 
-from artifacts import read_artifact, sibling, stem_of
+from artifacts import read_artifact, stem_of
 from stages.configs import HOUSEHOLD
 from stages.reporting.rows import COLUMNS, Run, read_runs, row
 from stages.simulation.gl import choose_backend
 from stages.statistics import wilson
 
 HERE = Path(os.path.relpath(Path(__file__).parent))
-REAL = Path("runs/real")
+REAL, EVALUATIONS = Path("runs/real"), HERE / "real"
 CONTEXTS = 5
 ROLLOUTS = ("--iterations", 25, "--episodes", 20)
 TRANSLATOR: dict[str, tuple[object, ...]] = {"": ("--augment",)}  # options; "": of all tasks without their own
@@ -47,31 +47,38 @@ PAPER = {
 }
 
 
+def place(preset: tuple[object, ...]) -> Path:
+    """Where files lie; what was only tried lies apart."""
+    return REAL / "toy" if preset else REAL
+
+
 def translator(task: str, preset: tuple[object, ...]) -> Path:
     """Film, import, train."""
-    demos = REAL / f"{task}.demos.h5"
+    folder = place(preset)
+    demos = folder / f"{task}.demos.h5"
     if not demos.exists():
-        filmed = REAL / f"{task}-filmed.demos.h5"
-        ifo("collect-demos", task, "--videos", REAL / task, "--workers", 1, *preset, out=filmed)
-        ifo("import-demos", REAL / task, "--task", task, *preset, out=demos)
+        filmed = folder / f"{task}-filmed.demos.h5"
+        ifo("collect-demos", task, "--videos", folder / task, "--workers", 1, *preset, out=filmed)
+        ifo("import-demos", folder / task, "--task", task, *preset, out=demos)
     options = TRANSLATOR.get(task, TRANSLATOR[""])
     words = ("train-translator", demos, *options, "--workers", 1, "--resume", *preset)
-    return ifo(*words, out=REAL / f"{task}.translator.h5")
+    return ifo(*words, out=folder / f"{task}.translator.h5")
 
 
 def learn(task: str, method: str, seed: int, preset: tuple[object, ...]) -> Path:
     """One run and its evaluation."""
-    translation = REAL / f"{task}-c{seed}.translation.h5"
+    folder = place(preset)
+    translation = folder / f"{task}-c{seed}.translation.h5"
     rollouts = () if preset else ROLLOUTS
     words = ("learn-policy", translation, "--learner", "gps", *METHODS[method], *rollouts, "--workers", 1, "--resume")
-    policy = ifo(*words, *preset, out=REAL / f"{task}-{method}-c{seed}.policy.h5")
+    policy = ifo(*words, *preset, out=folder / f"{task}-{method}-c{seed}.policy.h5")
     return ifo(
         "evaluate",
         policy,
         "--workers",
         1,
         *preset,
-        out=sibling(policy, "").with_name(f"{stem_of(policy)}.evaluation.h5"),
+        out=(folder if preset else EVALUATIONS) / f"{stem_of(policy)}.evaluation.h5",
     )
 
 
@@ -95,6 +102,7 @@ def markdown(cells: dict[tuple[str, str], list[Run]]) -> str:
             f"| {task} | {method} | {len(runs)} | {rate:.2f} [{low:.2f}, {high:.2f}] | {fraction:.2f} | {episodes:.0f} "
             f"| {minutes:.1f} | {'-' if paper is None else f'{paper:.2f}'} |"
         )
+    lines += ["", "The paper's robot: the success of push-real, the mean fraction of the other tasks."]
     return "\n".join(lines) + "\n"
 
 
@@ -107,7 +115,9 @@ def main() -> None:
     arguments = parser.parse_args()
     choose_backend()
     preset = ("--preset", "toy") if arguments.toy else ()
-    REAL.mkdir(parents=True, exist_ok=True)
+    folder = place(preset)
+    for each in (folder, EVALUATIONS):
+        each.mkdir(parents=True, exist_ok=True)
     seeds = range(arguments.contexts)
     with ThreadPoolExecutor(arguments.parallel) as pool:
         trained = dict(
@@ -115,15 +125,15 @@ def main() -> None:
         )
         for task, seed in ((task, seed) for task in arguments.only for seed in seeds):
             words = ("translate", trained[task], "--split", "all", "--context-seed", seed, "--workers", 1, *preset)
-            ifo(*words, out=REAL / f"{task}-c{seed}.translation.h5")
+            ifo(*words, out=folder / f"{task}-c{seed}.translation.h5")
         jobs = [(task, method, seed) for task in arguments.only for method in METHODS for seed in seeds]
         list(pool.map(lambda job: learn(*job, preset), jobs))
     if arguments.toy:
         return
     cells: dict[tuple[str, str], list[Run]] = defaultdict(list)
-    for task, method, seed in jobs:
-        path = REAL / f"{task}-{method}-c{seed}.evaluation.h5"
-        cells[task, method] += read_runs(read_artifact(path, "evaluation"))
+    for task, method in ((task, method) for task in HOUSEHOLD for method in METHODS):
+        for path in sorted(EVALUATIONS.glob(f"{task}-{method}-c*.evaluation.h5")):
+            cells[task, method] += read_runs(read_artifact(path, "evaluation"))
     with (HERE / "real.csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, (*COLUMNS, "fraction"))
         writer.writeheader()

@@ -45,10 +45,8 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
         ArtifactError: The demonstrator fails too often to yield `config.n` demonstrations.
         UsageError: An expert is given where the task brings its own demonstrator.
     """
-    from stages.simulation.batch import rollout
     from stages.simulation.gl import choose_backend
-    from stages.simulation.render import RenderPool
-    from stages.simulation.tasks import distribution, file_name, learner_context, make_task
+    from stages.simulation.tasks import distribution, file_name, make_task
     from stages.threads import use_threads
 
     choose_backend()
@@ -57,12 +55,22 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
     name = file_name(task_name) + ("" if run.preset == DEFAULT_PRESET else f"-{run.preset}")
     out = run.out or default_path(Path("runs"), name, "demos")
     drawn_from = distribution(config.contexts, config.vary)
-    if config.videos and Path(config.videos).exists():
-        raise UsageError(f"--videos {config.videos}: exists already: remove it, or give another name")
+    _check_footage(config, out)
     task.varied(drawn_from)  # Says what is wrong with it before an expert is trained.
     demonstrator = _demonstrator(task, expert, run, out.parent)
-    filmed = demonstrator.task
+    with _footage(demonstrator.task, config) as write:  # Its folder appears when the artifact is there.
+        return _film(task, demonstrator, config, run, out, workers, write)
 
+
+def _film(
+    task: Task, demonstrator: Demonstrator, config: DemosConfig, run: RunOptions, out: Path, workers: int, write: Film
+) -> StageResult:
+    """Film until there are `config.n` demonstrations, and write the artifact at `out`; `write` gets all footage."""
+    from stages.simulation.batch import rollout
+    from stages.simulation.render import RenderPool
+    from stages.simulation.tasks import distribution, learner_context
+
+    filmed, drawn_from = demonstrator.task, distribution(config.contexts, config.vary)
     videos = np.empty((config.n, task.frames, *task.frame_size, 3), np.uint8)
     contexts: list[Contexts] = []
     initial: list[np.ndarray] = []
@@ -72,16 +80,16 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
     chunk = min(CHUNK, config.n)
     with (
         RenderPool.of(filmed, workers) as pool,
-        _footage(filmed, config, workers) as write,
-        run.progress.bar(f"collect-demos {task_name}", config.n, "demos") as bar,
+        run.progress.bar(f"collect-demos {task.name}", config.n, "demos") as bar,
     ):
         while kept < config.n:
             if kept + dropped >= MAX_ATTEMPTS * max(config.n, chunk) or (chunks and not kept):
-                who = demonstrator.parents[0] if demonstrator.parents else task_name
+                who = demonstrator.parents[0] if demonstrator.parents else f"task {task.name}"
+                longer = f"train it longer (ifo train-expert {task.name} --iterations N), or "
                 raise ArtifactError(
                     f"{who}: the demonstrator failed in {dropped} of {kept + dropped} contexts, expected at least a "
-                    f"quarter to end below {task.expert_threshold} of the initial distance; train it longer "
-                    f"(ifo train-expert {task_name} --iterations N), or keep failures (--keep-failures)"
+                    f"quarter to end below {task.expert_threshold} of the initial distance; "
+                    f"{longer if demonstrator.parents else ''}keep failures (--keep-failures)"
                 )
             rng = generator(run.seed, "demos", chunks)
             if config.context_seed < 0:
@@ -121,7 +129,7 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
         **({"playback": np.concatenate(played)} if config.jitter else {}),
         **{f"contexts/{name}": np.concatenate([part[name] for part in contexts]) for name in contexts[0]},
     }
-    described = full_config("collect-demos", config, run, task=task_name, dropped=dropped)
+    described = full_config("collect-demos", config, run, task=task.name, dropped=dropped)
     pictures = write_overview(out, videos)
     write_artifact(
         out,
@@ -139,6 +147,7 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
         "frames": int(videos.shape[0] * videos.shape[1]),
         "normalised_distance": float((final_distance / initial_distance).mean()),
         **pictures,
+        **({"footage": config.videos} if config.videos else {}),
     }
     return StageResult(out, summary)
 
@@ -155,10 +164,17 @@ def playback(rng: np.random.Generator, n: int, frames: int, jitter: float) -> np
     return np.minimum(np.concatenate([np.zeros((n, 1)), steps.cumsum(axis=1)], axis=1), frames - 1)
 
 
+def _check_footage(config: DemosConfig, out: Path) -> None:
+    """Refuse to film into a folder that is there, or that the artifact is to lie in."""
+    folder = Path(config.videos)
+    if config.videos and folder.exists():
+        raise UsageError(f"--videos {folder}: exists already: remove it, or give another name")
+    if config.videos and folder.resolve() in out.resolve().parents:
+        raise UsageError(f"--videos {folder}: {out} is to lie there, too: give the footage a folder of its own")
+
+
 @contextmanager
-def _footage(
-    task: Task, config: DemosConfig, workers: int
-) -> Iterator[Callable[[dict[str, np.ndarray], np.ndarray], None]]:
+def _footage(task: Task, config: DemosConfig) -> Iterator[Film]:
     """A function (fields, qpos) that writes videos into the folder `config.videos`; none is wanted: it does nothing."""
     from stages.simulation.render import RenderPool
 
@@ -168,13 +184,13 @@ def _footage(
     height, width = (FOOTAGE_SCALE * side for side in task.frame_size)
     fps = 1 / (task.control_timestep * task.frame_every)
     numbers = itertools.count()
-    with atomic_folder(config.videos) as temporary, RenderPool(task.model, height, width, workers, task.camera) as pool:
+    with atomic_folder(config.videos) as temporary, RenderPool(task.model, height, width, 1, task.camera) as pool:
 
         def write(fields: dict[str, np.ndarray], qpos: np.ndarray) -> None:
             for k in range(len(qpos)):
                 one = {name: values[k : k + 1] for name, values in fields.items()}
                 frames = pool.render(one, qpos[k : k + 1])[0]
-                write_mp4(temporary / f"demo-{next(numbers):05d}.mp4", frames, fps, crf=config.crf)
+                write_mp4(temporary / f"demo-{next(numbers):05d}.mp4", frames, fps, min_height=1, crf=config.crf)
 
         yield write
 

@@ -81,7 +81,7 @@ class DemosConfig:
     context_seed: int = option(
         -1, "Film all in the context that translate gives a learner for this seed (-1: each in its own).", low=-1
     )
-    keep_failures: bool = option(False, "Keep demonstrations in which the expert failed.")
+    keep_failures: bool = option(False, "Keep demonstrations that failed.")
     jitter: float = option(
         0.0,
         "Play each video at its own tempo, which wanders by up to this share (distances stay the whole episode's).",
@@ -93,7 +93,7 @@ class DemosConfig:
         "Also write each, 5 times as high and wide, as an MP4 into this new folder: footage such as a camera's, that "
         "import-demos reads.",
     )
-    crf: int = option(23, "Compression of these MP4s: x264's constant rate factor, 0 (none) to 51.", low=0, high=51)
+    crf: int = option(23, "Compression of these MP4s: x264's constant rate factor, 0 (least) to 51.", low=0, high=51)
 
 
 @dataclass(frozen=True)

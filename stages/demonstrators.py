@@ -25,10 +25,12 @@ class Demonstrator(ABC):
     Attributes:
         task: What is filmed: the learner's task, or the same with another body in place of the robot.
         parents: Files that it was made from.
+        noise: Standard deviation of actions that spoil the task: torques of an expert, but places of a hand.
     """
 
     task: Task
     parents: tuple[Path, ...] = ()
+    noise = 1.0
 
     @abstractmethod
     def begin(self, contexts: Contexts, rng: np.random.Generator | None = None) -> Act:
@@ -78,6 +80,8 @@ class Expert(Demonstrator):
 
 class Person(Demonstrator):
     """Moves by a plan, which knows of the context."""
+
+    noise = 0.1
 
     def __init__(self, task: Task):
         """The person that `task` brings."""

@@ -231,13 +231,14 @@ def _judge(
         quality = reward_quality(
             task,
             contexts,
-            expert.begin(contexts),
+            expert.begin,
             model,
             TrackingTarget.of(arrays, learning.blur, device),
             pool,
             generator(run.seed, "reward-quality"),
             learning.image_weight,
             device,
+            expert.noise,
         )
         return expert.video(contexts, pool)[0], quality
 

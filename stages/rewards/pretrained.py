@@ -97,7 +97,7 @@ def embedded_track(
     Returns:
         A function from frames (n, H, W, 3) to embeddings (n, E); embeddings of the target (T, E), and of frames (M, E).
     """
-    scale = target.spread.mean(dim=0) * target.mean.shape[1] ** 0.5
+    scale = target.spread.mean(dim=0) * target.mean.numel() ** 0.5  # The return is a mean over features and frames.
 
     @torch.no_grad()
     def embed(frames: np.ndarray) -> np.ndarray:

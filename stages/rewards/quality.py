@@ -17,7 +17,7 @@ from stages.simulation.task import State, Task
 from stages.translation.networks import Translator, to_images
 
 EPISODES = 8  # of each kind
-NOISE = (0.3, 0.6, 1.0)  # standard deviations of a noisy expert's actions, one episode in three each
+NOISE = (0.3, 0.6, 1.0)  # of the demonstrator's own noise, one episode in three each: what a noisy one's actions err by
 WAY = np.linspace(0.0, 1.0, 11)  # shares of the expert's own motion
 PROGRESS_DIGITS = 2  # progress is compared to a hundredth of the initial distance: less is trembling at the goal
 
@@ -46,20 +46,22 @@ class Quality:
 def reward_quality(
     task: Task,
     context: Contexts,
-    expert: Act,
+    begin: Callable[[Contexts, np.random.Generator | None], Act],
     model: Translator,
     target: TrackingTarget,
     pool: RenderPool,
     rng: np.random.Generator,
     image_weight: float,
     device: str = "cpu",
+    noise: float = 1.0,
 ) -> Quality:
     """Roll out the expert, a noisy expert and random actions in one context; compare rewards with true distances.
 
     Args:
         context: The learner's context, leading axis 1.
-        expert: The expert's actions, from the state and the goal.
+        begin: The expert's actions in contexts; with a generator, as they vary from one demonstration to the next.
         image_weight: w_rec.
+        noise: Standard deviation of actions that spoil what the expert does.
     """
     curves: dict[str, np.ndarray] = {}
     metrics: dict[str, float] = {}
@@ -69,8 +71,8 @@ def reward_quality(
         """Returns (n,) of episodes whose terms are (n, T)."""
         return ((feat + image_weight * img) * time_weights(task.ramp, task.frames))[:, 1:].sum(axis=1)
 
-    for kind, act in _actors(task, expert, rng).items():
-        contexts = repeat(context, EPISODES)
+    contexts = repeat(context, EPISODES)
+    for kind, act in _actors(task, begin(contexts, rng), noise, rng).items():
         episodes = rollout(task, contexts, *task.draw_states(rng, contexts), act=act, nthread=1)
         feat, img, nearness = _rewards(
             task, context, episodes.frame_qpos(task), model, target, pool, image_weight, device
@@ -82,7 +84,7 @@ def reward_quality(
         returns.append(total(feat, img))
         metrics[f"return_{kind}"] = float(returns[-1].mean())
         outcomes.append(episodes.normalised_distance)
-    path = rollout(task, context, *task.context_state(context), act=expert, nthread=1).frame_qpos(task)
+    path = rollout(task, context, *task.context_state(context), act=begin(context, None), nthread=1).frame_qpos(task)
     part = np.repeat(path[:, :1], task.frames, axis=1).repeat(len(WAY), axis=0)
     driven = task.posture
     part[..., driven] += WAY[:, None, None] * (path - path[:, :1])[..., driven]
@@ -94,10 +96,10 @@ def reward_quality(
     return Quality(metrics, curves)
 
 
-def _actors(task: Task, expert: Act, rng: np.random.Generator) -> dict[str, Act]:
+def _actors(task: Task, expert: Act, scale: float, rng: np.random.Generator) -> dict[str, Act]:
     """The expert, a noisy one and random actions."""
     shape = (-(-task.control_steps // HELD), EPISODES, task.action_size)
-    noise = held(rng.normal(size=shape) * np.resize(NOISE, EPISODES)[:, None], task)
+    noise = held(rng.normal(size=shape) * np.resize(NOISE, EPISODES)[:, None] * scale, task)
     return {
         "expert": expert,
         "noisy": lambda state, contexts: expert(state, contexts) + noise(state, contexts),

@@ -48,7 +48,8 @@ class Household(Task):
     time.
     """
 
-    factors = ("azimuth", "elevation", "distance", "colour", "goal", "initial")
+    # From higher up, or farther off, the arm would be in the picture.
+    factors = ("azimuth", "colour", "goal", "initial")
     default_factors = ("azimuth", "colour", "goal", "initial")
     oversampling = 3
     start: tuple[float, ...]  # the tool's pose at the start
@@ -93,7 +94,9 @@ class Household(Task):
         add_table(root, TABLE_HALF_SIZE, rgba=(*CANONICAL_TABLE, 1), contype=0, conaffinity=ARM["contype"])
         if self._driver == "arm":
             flange = add_sawyer(root, self.base)
-            tool = flange.add("body", name="tool", pos=(0, 0, ROD), quat=self.held, gravcomp=1)
+            tool = flange.add(
+                "body", name="tool", pos=(0, 0, float(np.linalg.norm(self.rod))), quat=self.held, gravcomp=1
+            )
         else:
             tool = _add_hand(root, self.tilts)
         rod = {"type": "capsule", "size": (ROD_RADIUS,), "rgba": (0.25, 0.2, 0.15, 1), "mass": 0.1}
@@ -318,7 +321,7 @@ def add_piece(
             tool that is held a little above the table.
         mass: Kilograms.
         damping: Friction with the table, N s/m.
-        shape: How it is drawn: `sphere`, `cylinder` or `ellipsoid`.
+        shape: How it is drawn: `sphere` or `cylinder`.
     """
     body = root.worldbody.add("body", name=name, pos=(0, 0, 0))
     for axis, direction in (("x", (1, 0, 0)), ("y", (0, 1, 0))):
@@ -326,5 +329,5 @@ def add_piece(
     top = max(height, COLLIDER_HEIGHT, 2.2 * radius) - radius
     collider: dict[str, Any] = {"type": "capsule", "size": (radius,), "fromto": (0, 0, radius, 0, 0, top)}
     body.add("geom", name=f"{name}_collider", mass=mass, group=HIDDEN_GROUP, **collider, **OBJECT)
-    size = {"sphere": (radius,), "cylinder": (radius, height / 2), "ellipsoid": (radius, 0.7 * radius, height / 2)}
+    size = {"sphere": (radius,), "cylinder": (radius, height / 2)}
     body.add("geom", name=name, type=shape, size=size[shape], pos=(0, 0, height / 2), rgba=rgba, mass=0, **NOTHING)

@@ -12,13 +12,14 @@ import numpy as np
 from dm_control import mjcf
 
 from stages.simulation.contexts import Contexts
-from stages.simulation.household import ROD, Household
+from stages.simulation.household import Household
 from stages.simulation.task import State
 
 ALMONDS, ALMOND_RADIUS, ALMOND_MASS = 15, 0.009, 0.0012  # metres, kilograms
 BOWL_RADIUS, BOWL_DEPTH, SIDES = 0.036, 0.03, 10  # of the ladle, metres, and how many plates its wall is made of
 PAN_RADIUS, PAN_DEPTH, PAN_SIDES = 0.085, 0.035, 14
 WALL = 0.004  # half of a wall's thickness, metres
+LADLE_ROD = 0.6  # metres: longer than other tools', or the arm would be in the picture
 LIFT = 0.13  # metres above the table that the ladle is carried
 POUR = np.radians(130)  # how far the wrist turns
 SETTLES = 1.0  # seconds in which almonds that are dropped into the ladle come to rest
@@ -37,9 +38,9 @@ class LadleAlmonds(Household):
 
     name = "ladle-almonds"
     start = (-0.18, 0.0, LIFT, 0.0, 0.0)
-    base = (-1.15, 0.0, 0.0)
+    base = (-1.35, 0.0, 0.0)
     held = (0, 1, 0, 1)
-    rod = (-ROD, 0, 0)
+    rod = (-LADLE_ROD, 0, 0)
     tilts = (1, 0, 0)
     home = np.array([0.0, -0.6, 0.0, 1.4, 0.0, -0.8, 0.1745])  # the hand points ahead
     substeps = 20
@@ -81,7 +82,7 @@ class LadleAlmonds(Household):
 
         model = type(self)("hand").model if self._driver == "arm" else self.model
         data = mujoco.MjData(model)
-        data.qpos[:5] = self.start
+        data.qpos[: len(self.start)] = self.start
         k = np.arange(ALMONDS)
         # In layers of five, each turned against the one below.
         angle, far = 2 * np.pi * k / 5 + 0.6 * (k // 5), 0.6 * (BOWL_RADIUS - ALMOND_RADIUS)

@@ -7,7 +7,7 @@ from dm_control import mjcf
 
 from stages.simulation.contexts import Contexts
 from stages.simulation.fields import ModelFields
-from stages.simulation.household import Household, add_piece, plate
+from stages.simulation.household import YELLOW, Household, add_piece, plate
 from stages.simulation.scene import NOTHING
 from stages.simulation.task import State
 
@@ -56,7 +56,7 @@ class PushReal(Household):
         add_piece(root, "can", CAN_RADIUS, CAN_HEIGHT, CAN_MASS, CAN_DAMPING, (*WHITE, 1), "cylinder")
 
     def keep_clear(self) -> tuple[np.ndarray, ...]:
-        return WHITE, RED
+        return WHITE, RED, np.array(YELLOW[:3])
 
     def draw_objects(self, rng: np.random.Generator, n: int, vary: bool) -> Contexts:
         can, coaster = np.tile(CANONICAL_CAN, (n, 1)), np.tile(CANONICAL_COASTER, (n, 1))
@@ -67,7 +67,6 @@ class PushReal(Household):
             way = coaster - can
             length = np.linalg.norm(way, axis=1)
             wrong = (length < WAY[0]) | (length > WAY[1]) | (np.abs(np.arctan2(way[:, 1], way[:, 0])) > WAY_ANGLE)
-            wrong &= vary
         return {"can": can, "goal": coaster}
 
     def place(self, fields: ModelFields, contexts: Contexts) -> ModelFields:

@@ -6,7 +6,7 @@ import numpy as np
 from dm_control import mjcf
 
 from stages.simulation.contexts import Contexts
-from stages.simulation.household import Household, add_piece, plate
+from stages.simulation.household import YELLOW, Household, add_piece, plate
 from stages.simulation.scene import NOTHING, add_wall
 from stages.simulation.task import State
 
@@ -32,7 +32,7 @@ class SweepReal(Household):
     start = (-0.27, 0.0, 0.025, 0.0, 0.0)
     pieces: int
     radius: float  # of a piece, metres
-    height: float  # of what a piece collides as, metres
+    height: float  # of a piece, metres
     mass: float  # kilograms
     damping: float  # friction with the table, N s/m
     rgb: np.ndarray
@@ -61,7 +61,7 @@ class SweepReal(Household):
             add_piece(root, f"piece_{k}", self.radius, self.height, *look)
 
     def keep_clear(self) -> tuple[np.ndarray, ...]:
-        return PAN, self.rgb
+        return PAN, self.rgb, np.array(YELLOW[:3])
 
     def draw_objects(self, rng: np.random.Generator, n: int, vary: bool) -> Contexts:
         centre = rng.uniform(*PILE, (n, 2)) if vary else np.tile(CANONICAL_PILE, (n, 1))

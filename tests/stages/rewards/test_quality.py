@@ -51,7 +51,9 @@ def quality(scene):
                 features = model.encode(images)
                 scales = float(motion(model.encode(moving)[None])), float(motion(moving[None]))
             target = TrackingTarget(features, images, *scales)
-            return reward_quality(task, context, act, model, target, pool, np.random.default_rng(1), 1.0)
+            return reward_quality(
+                task, context, lambda contexts, rng: act, model, target, pool, np.random.default_rng(1), 1.0
+            )
 
         yield judge
 

@@ -72,7 +72,7 @@ def test_an_action_of_one_brings_a_joint_to_its_published_speed():
 
 def test_people_do_what_they_show(task, shown):
     assert shown.normalised_distance.max() <= LEFT[task.name]
-    assert np.mean(shown.normalised_distance < task.expert_threshold) > 0.85
+    assert shown.normalised_distance.mean() < 0.06
 
 
 def test_people_are_not_quite_steady(task, contexts):
@@ -96,16 +96,20 @@ def test_things_stand_still_until_they_are_touched(task, contexts):
     assert np.allclose(before, after, atol=0.01)  # The table pushes at a tool that begins too low.
 
 
-def test_robot_and_person_show_the_same_first_frame(task, contexts):
-    few = take(contexts, slice(6))
-    still = few | {"arm_noise": np.zeros_like(few["arm_noise"])}
-    frames = []
-    for seen in (task, task.demonstrator):
-        with RenderPool.of(seen, 1) as pool:
-            frames.append(pool.render(seen.model_fields(still), seen.context_state(still)[0][:, None])[:, 0])
-    robot, person = (each.astype(float) for each in frames)
-    assert np.abs(robot - person).mean() < 1
-    assert robot.std(axis=(0, 1, 2)).min() > 10
+@pytest.mark.gl
+def test_robot_and_person_look_the_same(task, contexts):
+    """In all frames: neither arm nor hand is ever in the picture, and both hold the tool alike."""
+    person = task.demonstrator
+    with RenderPool.of(task, 1) as robots, RenderPool.of(person, 1) as people:
+        for k in range(4):
+            one = take(contexts, slice(k, k + 1))
+            led, shown = task.kinesthetic(one), np.zeros((task.frames, person.model.nq))
+            shown[:, : person.driven] = person.path(one)[: task.control_steps : task.frame_every, 0]
+            led[:, task.driven :] = shown[:, person.driven :] = person.context_state(one)[0][0, person.driven :]
+            robot = robots.render(task.model_fields(one), led[None])[0].astype(int)
+            hand = people.render(person.model_fields(one), shown[None])[0].astype(int)
+            assert (np.abs(robot - hand).max(axis=-1) > 40).mean(axis=(1, 2)).max() < 0.005
+            assert robot.std(axis=(1, 2)).min(axis=0).max() > 10
 
 
 def test_a_led_arm_brings_the_tool_where_the_person_does(task, contexts):

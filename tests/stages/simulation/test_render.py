@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stages.simulation.render import PIECE, RenderPool, TileRenderer, pieces
+from stages.simulation.render import PIECE, RenderPool, TileRenderer, pieces, reduced
 
 pytestmark = pytest.mark.gl
 
@@ -151,7 +151,7 @@ from stages.simulation.gl import choose_backend
 def main():
     choose_backend()
     from stages.simulation import suite
-    from stages.simulation.render import RenderPool, TileRenderer
+    from stages.simulation.render import reduced, RenderPool, TileRenderer
     from stages.simulation.tasks import distribution, make_task
 
     task = make_task("reach")
@@ -183,3 +183,13 @@ def test_closed_contexts_leave_nothing_to_complain_about(tmp_path):
     assert child.returncode == 0, child.stderr
     assert child.stdout == "closed\n"
     assert child.stderr == ""
+
+
+def test_reduced_frames_are_means_of_blocks():
+    drawn = np.random.default_rng(0).integers(0, 256, (2, 6, 9, 3), dtype=np.uint8)
+    blocks = [[drawn[:, 3 * i : 3 * i + 3, 3 * j : 3 * j + 3].mean(axis=(1, 2)) for j in range(3)] for i in range(2)]
+    expected = np.stack([np.stack(row, axis=1) for row in blocks], axis=1)
+    frames = reduced(drawn, 3)
+    assert frames.dtype == np.uint8
+    assert np.abs(frames - expected).max() <= 0.5
+    assert reduced(drawn, 1) is drawn
