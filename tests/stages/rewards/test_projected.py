@@ -53,8 +53,7 @@ def test_components_hold_what_varies_and_no_more(monkeypatch):
     np.testing.assert_allclose(found.T @ found, np.eye(3), atol=1e-9)
     np.testing.assert_allclose(found @ found.T, basis @ basis.T, atol=1e-9)
     np.testing.assert_allclose(centre, examples.mean(axis=0))
-    monkeypatch.setattr(projected, "MOST", 2)
-    assert principal_components(examples)[1].shape == (50, 2)
+    assert principal_components(examples, 2)[1].shape == (50, 2)
     monkeypatch.setattr(projected, "KEPT", 0.1)
     assert principal_components(examples)[1].shape == (50, 1)
 

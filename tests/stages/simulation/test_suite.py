@@ -85,7 +85,7 @@ def test_observations_share_no_memory(load, options):
 def test_the_initial_posture_varies(load, task):
     env = load(seed=0)
     starts = np.stack([env.reset().observation["position"] for _ in range(20)])
-    assert (starts[:, task.posture].std(axis=0) > 0.01).all()
+    assert (starts[:, task.posture].std(axis=0) > 0.005).all()
 
 
 @pytest.mark.parametrize("contexts", ["paper", "narrow", "fixed"])
@@ -182,7 +182,8 @@ class TestBothFaces:
         # Shaded balls have more edges to round than flat discs.
         balls = task.name.startswith(("sweep", "ladle"))
         assert (differing > 0).mean() <= (1e-3 if balls else 1e-4)
-        assert differing.max() <= 3
+        # The mean over a block takes in what an edge that is rounded otherwise changes of it.
+        assert differing.max() <= (3 if task.oversampling == 1 else 255 / task.oversampling**2)
 
     @pytest.mark.gl
     def test_faces_may_draw_in_turns(self, load, task, batch):
