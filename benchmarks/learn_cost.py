@@ -75,7 +75,7 @@ def main() -> None:
     parser.add_argument("--iterations", type=int, default=5)
     iterations = parser.parse_args().iterations
     choose_backend()
-    from stages.configs import defaults
+    from stages.presets import defaults
 
     workers = use_threads(pick_workers(0))
     config = defaults("paper", "learn-policy", "reach")

@@ -21,7 +21,8 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 import torch
 
 from artifacts import read_artifact
-from stages.configs import PRESETS, TranslatorConfig
+from stages.configs import TranslatorConfig
+from stages.presets import PRESETS
 from stages.translation.evaluation import evaluate_translator
 from stages.translation.training import TranslatorTraining
 

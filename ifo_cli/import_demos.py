@@ -12,7 +12,8 @@ import typer
 from ifo_cli.options import complete_task
 from ifo_cli.runner import check_out, check_task
 from ifo_cli.streams import emit, inputs_or_stdin, plain, stdout_to_stderr
-from stages.configs import DEFAULT_PRESET, PRESETS, ImportConfig
+from stages.configs import ImportConfig
+from stages.presets import DEFAULT_PRESET, PRESETS
 
 EXAMPLES = (
     "ifo import-demos kitchen/ --preview",

@@ -14,7 +14,8 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import typer
 
-from stages.configs import DEFAULT_PRESET, HOUSEHOLD, PRESETS, STAGES, TASKS
+from stages.configs import HOUSEHOLD, STAGES, TASKS
+from stages.presets import DEFAULT_PRESET, PRESETS
 
 HELP_PRESET = DEFAULT_PRESET
 PRESET_NOTE = (

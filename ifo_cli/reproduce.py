@@ -11,7 +11,8 @@ import typer
 
 from artifacts.errors import UsageError
 from ifo_cli.streams import emit, stdout_to_stderr
-from stages.configs import DEFAULT_PRESET, PRESETS, TASKS
+from stages.configs import TASKS
+from stages.presets import DEFAULT_PRESET, PRESETS
 from stages.reproduction.plan import METHODS, Grid
 
 EXAMPLES = (

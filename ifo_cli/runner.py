@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 from artifacts.errors import IfoError, PlatformError, UsageError
 from ifo_cli.options import Given
 from ifo_cli.streams import emit, inputs_or_stdin, plain, stdout_to_stderr
-from stages.configs import HOUSEHOLD, PRESETS, TASKS, defaults
+from stages.configs import HOUSEHOLD, TASKS
+from stages.presets import PRESETS, defaults
 
 if TYPE_CHECKING:
     from artifacts import Artifact

@@ -20,8 +20,9 @@ from artifacts import (
     write_mp4,
     write_overview,
 )
-from stages.configs import DEFAULT_PRESET, DemosConfig, defaults
+from stages.configs import DemosConfig
 from stages.demonstrators import Demonstrator, Expert, Person
+from stages.presets import DEFAULT_PRESET, defaults
 from stages.run import RunOptions, StageResult, environment, full_config, pick_workers
 from stages.seeding import generator
 from stages.simulation.contexts import Contexts, repeat, take

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from artifacts import ArtifactError, UsageError, default_path, sibling, write_artifact, write_overview, write_png
-from stages.configs import DEFAULT_PRESET, ImportConfig
+from stages.configs import ImportConfig
 from stages.datasets.finding import find_episodes
 from stages.footage.crops import Crop, centred_crop, check_crop, parse_crop, read_crops, reduced
 from stages.footage.footage import Footage
@@ -22,6 +22,7 @@ from stages.footage.moments import Segment, choose_frames
 from stages.footage.preview import preview_cell, preview_sheet
 from stages.footage.sources import Source, find_videos
 from stages.interrupts import heeded
+from stages.presets import DEFAULT_PRESET
 from stages.run import RunOptions, StageResult, environment, full_config
 from stages.train_translator import FEWEST
 

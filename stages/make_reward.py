@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from artifacts import Artifact, ArtifactError
-from stages.configs import PolicyConfig, defaults
+from stages.configs import PolicyConfig
+from stages.presets import defaults
 from stages.seeding import generator
 from stages.simulation.contexts import Contexts, repeat
 from stages.simulation.task import Task

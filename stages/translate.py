@@ -21,7 +21,8 @@ from artifacts import (
     write_mp4,
 )
 from artifacts.atomic import write_bytes
-from stages.configs import TranslateConfig, defaults
+from stages.configs import TranslateConfig
+from stages.presets import defaults
 from stages.run import RunOptions, StageResult, environment, full_config, pick_device, pick_workers
 from stages.seeding import generator
 from stages.simulation.contexts import Contexts

@@ -6,6 +6,7 @@ import hashlib
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from artifacts import ArtifactError, UsageError, sha256_of
@@ -48,6 +49,17 @@ class Episode(Source):
                 self.digests[file] = sha256_of(file)
             digest.update(f"{self.digests[file]}\n".encode())
         return digest.hexdigest()
+
+
+def episodes_in(
+    file: Path, path: Path, camera: str, names: Sequence[str], open_one: Callable[[str], Footage]
+) -> list[Episode]:
+    """The episodes of these names in one file of the data set at `path`; `open_one` opens one by its name."""
+    digests: dict[Path, str] = {}
+    return [
+        Episode(path, part=name, camera=camera, inside=(file,), opener=partial(open_one, name), digests=digests)
+        for name in names
+    ]
 
 
 def choose_camera(path: Path, cameras: Sequence[str], wanted: str) -> str:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from artifacts import ArtifactError
 from stages.datasets import hdf5
-from stages.datasets.episode import Episode, check_is_there, choose_camera
+from stages.datasets.episode import Episode, check_is_there, choose_camera, episodes_in
 from stages.datasets.frames import StoredFrames
 from stages.footage.sources import natural_order
 
@@ -58,18 +57,7 @@ def read_minari(path: Path, file: Path, wanted: str) -> list[Episode]:
         names.sort(key=lambda name: natural_order(Path(name)))
         cameras = next(filter(None, (_cameras(hdf5.member(data, name)) for name in names)), [])
         camera = choose_camera(path, cameras, wanted)
-    digests: dict[Path, str] = {}
-    return [
-        Episode(
-            path,
-            part=name,
-            camera=camera,
-            inside=(file,),
-            opener=partial(_open, path, file, name, camera),
-            digests=digests,
-        )
-        for name in names
-    ]
+    return episodes_in(file, path, camera, names, lambda name: _open(path, file, name, camera))
 
 
 def _cameras(episode: h5py.Group) -> list[str]:

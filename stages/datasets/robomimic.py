@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from artifacts import ArtifactError
 from stages.datasets import hdf5
-from stages.datasets.episode import Episode, choose_camera
+from stages.datasets.episode import Episode, choose_camera, episodes_in
 from stages.datasets.frames import StoredFrames
 from stages.footage.sources import natural_order
 
@@ -43,18 +42,7 @@ def read_robomimic(path: Path, wanted: str) -> list[Episode]:
         cameras = next(filter(None, (hdf5.cameras_in(hdf5.member(data, f"{name}/obs")) for name in names)), [])
         camera = choose_camera(path, cameras, wanted)
         rate = _rate(data.attrs)
-    digests: dict[Path, str] = {}
-    return [
-        Episode(
-            path,
-            part=name,
-            camera=camera,
-            inside=(path,),
-            opener=partial(_open, path, name, camera, rate),
-            digests=digests,
-        )
-        for name in names
-    ]
+    return episodes_in(path, path, camera, names, lambda name: _open(path, name, camera, rate))
 
 
 def _open(path: Path, name: str, camera: str, rate: float) -> StoredFrames:

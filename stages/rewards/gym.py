@@ -15,7 +15,8 @@ import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 
 from artifacts import Artifact, UsageError, read_artifact
-from stages.configs import DEFAULT_PRESET, PRESETS, RAMPS, REWARD_TERMS, PolicyConfig, defaults
+from stages.configs import RAMPS, REWARD_TERMS, PolicyConfig
+from stages.presets import DEFAULT_PRESET, PRESETS, defaults
 from stages.rewards.translation import TrackingReward, TrackingTarget, time_weights
 from stages.run import pick_device
 from stages.translation.networks import load_translator

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from artifacts import Interrupted, PlatformError
-from stages.configs import PRESETS
+from stages.presets import PRESETS
 
 ROOT = Path(__file__).parents[2]
 CHAIN = [

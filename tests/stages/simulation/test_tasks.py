@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from artifacts import UsageError
-from stages.configs import TASKS, defaults
+from stages.configs import TASKS
+from stages.presets import defaults
 from stages.simulation.contexts import FACTORS
 from stages.simulation.dm import DmTask
 from stages.simulation.push import Push

@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from artifacts import pack, unpack
-from stages.configs import TranslatorConfig, defaults
+from stages.configs import TranslatorConfig
+from stages.presets import defaults
 from stages.translation.evaluation import evaluate_translator
 from stages.translation.training import GRADIENT_NORM, TranslatorTraining
 

@@ -8,7 +8,7 @@ import pytest
 
 from artifacts import ArtifactError, Interrupted, UsageError, pack, read_artifact, unpack, write_artifact
 from stages.checkpoints import Checkpoints
-from stages.configs import LearnerConfig, PolicyConfig, defaults
+from stages.configs import LearnerConfig, PolicyConfig
 from stages.learners import loop
 from stages.learners.algorithms import learner_state, make_learner, restore_learner
 from stages.learners.environment import EpisodeEnv
@@ -16,6 +16,7 @@ from stages.learners.gps.controller import LinearGaussianController
 from stages.learners.gps.gps import STEP_CHANGE, Search, improve, iterate, step_change
 from stages.learners.gps.lqr import backward, forward
 from stages.learners.policy import Policy, policy_weights
+from stages.presets import defaults
 from stages.progress import Progress
 from stages.rewards.state import GoalReward, OracleReward
 from stages.run import RunOptions
