@@ -144,8 +144,9 @@ def _run(folder: Path, execution: Execution, lock: int) -> None:
     here = execution.executor == "local"
     words = [sys.executable, "-m", "snakemake", "--snakefile", str(SNAKEFILE), "--config", f"jobs={JOBS}"]
     words += ["--executor", execution.executor, "--cores" if here else "--jobs", str(execution.cores)]
-    # The Snakefile ignores dates; this, that the code or the machine has changed.
-    words += ["--rerun-triggers", "params", "--rerun-incomplete", "--nolock", "--keep-going"]
+    # The Snakefile ignores dates; this, that the code or the machine has changed. Stages write whole files or none, so a
+    # file is never incomplete, even where Snakemake was killed before it could take note of the end of the job.
+    words += ["--rerun-triggers", "params", "--ignore-incomplete", "--nolock", "--keep-going"]
     words += ["--retries", str(RETRIES), "--quiet", "rules", "host", "reason"]
     if here:
         words += ["--resources", f"mem_mb={os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') // MEGABYTE}"]

@@ -1,5 +1,6 @@
 """The grid's jobs, and what becomes of them when they fail, are killed, or lie there already."""
 
+import base64
 import json
 import os
 import signal
@@ -128,6 +129,15 @@ def test_files_of_another_machine_count_whatever_their_dates(run, tmp_path):
         os.utime(tmp_path / name, (time.time() - age,) * 2)
     more = [shell_job("b.evaluation.h5", "true", "a.policy.h5")]
     assert run(*jobs, *more) == {"b.evaluation.h5": 1}
+
+
+def test_a_whole_file_that_a_killed_engine_took_no_note_of_counts(run, tmp_path):
+    jobs = [shell_job("a.policy.h5", "true"), shell_job("a.evaluation.h5", "true", "a.policy.h5")]
+    run(*jobs)
+    mark = tmp_path / ".snakemake" / "incomplete" / base64.b64encode(b"a.policy.h5").decode()
+    mark.write_text('{"external_jobid": null}')
+    counts = run(*jobs, shell_job("b.evaluation.h5", "true", "a.policy.h5"))
+    assert counts == {"a.policy.h5": 1, "a.evaluation.h5": 1, "b.evaluation.h5": 1}
 
 
 SCRIPT = """
