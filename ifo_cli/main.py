@@ -7,6 +7,7 @@ import shlex
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from typing import Annotated, Any
 
 import typer
@@ -30,6 +31,7 @@ from ifo_cli import (
 )
 from ifo_cli.options import PRESET_NOTE
 from ifo_cli.streams import abandon_stdout
+from stages.interrupts import killable
 
 INTERRUPTED = 130
 BUG = 1
@@ -110,7 +112,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # a render process for one. Read when torch is imported, hence set here.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     try:
-        code = _run(words)
+        # Processes launched together may be waiting for each other, deaf to all but the plain signal.
+        with nullcontext() if "WORLD_SIZE" in os.environ else killable():
+            code = _run(words)
         if sys.stdout is not None:
             sys.stdout.flush()
     except BrokenPipeError:

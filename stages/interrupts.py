@@ -47,3 +47,17 @@ def heeded(at_once: bool = False) -> Iterator[Callable[[], None]]:
     finally:
         for number, handler in heard.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def killable() -> Iterator[None]:
+    """`kill` ends the block as Ctrl-C does: what was half written is removed, and the message says how to go on."""
+    before = signal.getsignal(signal.SIGTERM)
+    if threading.current_thread() is not threading.main_thread() or before != signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

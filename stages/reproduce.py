@@ -19,6 +19,7 @@ from typing import Any
 
 from artifacts import ArtifactError, Interrupted, PlatformError, UsageError
 from artifacts.atomic import write_bytes
+from stages.interrupts import killable
 from stages.progress import Progress
 from stages.reproduction.plan import Grid, Job, plan, wanted
 from stages.reproduction.times import longest_chain, memory, minutes
@@ -144,8 +145,8 @@ def _run(folder: Path, execution: Execution, lock: int) -> None:
     here = execution.executor == "local"
     words = [sys.executable, "-m", "snakemake", "--snakefile", str(SNAKEFILE), "--config", f"jobs={JOBS}"]
     words += ["--executor", execution.executor, "--cores" if here else "--jobs", str(execution.cores)]
-    # The Snakefile ignores dates; this, that the code or the machine has changed. Stages write whole files or none, so a
-    # file is never incomplete, even where Snakemake was killed before it could take note of the end of the job.
+    # The Snakefile ignores dates; this, that the code or the machine has changed. Stages write whole files or none:
+    # no file is incomplete, even where Snakemake was killed before it could take note of the end of the job.
     words += ["--rerun-triggers", "params", "--ignore-incomplete", "--nolock", "--keep-going"]
     words += ["--retries", str(RETRIES), "--quiet", "rules", "host", "reason"]
     if here:
@@ -161,15 +162,13 @@ def _run(folder: Path, execution: Execution, lock: int) -> None:
         process_group=0,
         preexec_fn=_attached,
     )
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        process.wait()
+        with killable():
+            process.wait()
     except KeyboardInterrupt as error:
         os.killpg(process.pid, signal.SIGINT)
         process.wait()
         raise Interrupted(f"interrupted; what was done is in {folder}; continue with: {execution.command}") from error
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _attached() -> None:

@@ -7,7 +7,7 @@ import signal
 
 import pytest
 
-from stages.interrupts import heeded
+from stages.interrupts import heeded, killable
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -45,3 +45,10 @@ def test_what_is_ignored_stays_ignored():
             check()
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def test_a_kill_counts_as_ctrl_c_for_as_long_as_the_block_runs():
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(KeyboardInterrupt), killable():
+        os.kill(os.getpid(), signal.SIGTERM)
+    assert signal.getsignal(signal.SIGTERM) == before
