@@ -58,7 +58,7 @@ PRESETS: dict[str, dict[str, Any]] = {
             swap_colours=False,
             ema=0.0,
             evaluate_every=1000,
-            checkpoint_every=1000,
+            checkpoint_every=5000,
         ),
         "translate": TranslateConfig(),
         "learn-policy": PolicyConfig(kl=0.01, gae_lambda=1.0, hidden=32, image_weight=1.0, blur=0.0),

@@ -1,4 +1,4 @@
-"""Chooses the GL backend before any test imports mujoco, and skips what draws where there is none."""
+"""Chooses the GL backend before any test imports mujoco; skips what draws where there is none, or needs a GPU."""
 
 from __future__ import annotations
 
@@ -21,7 +21,16 @@ BACKEND = choose_backend(required=False)
 
 
 def pytest_collection_modifyitems(items):
+    drawing, on_gpu = ([item for item in items if item.get_closest_marker(name)] for name in ("gl", "cuda"))
     if not BACKEND:
-        for item in items:
-            if item.get_closest_marker("gl"):
-                item.add_marker(pytest.mark.skip(reason="no OpenGL backend works here"))
+        for item in drawing:
+            item.add_marker(pytest.mark.skip(reason="no OpenGL backend works here"))
+    if on_gpu and not _torch_sees_gpu():
+        for item in on_gpu:
+            item.add_marker(pytest.mark.skip(reason="torch sees no GPU here"))
+
+
+def _torch_sees_gpu() -> bool:
+    import torch
+
+    return torch.cuda.is_available()

@@ -32,7 +32,7 @@ def augmented(images: Tensor, rng: np.random.Generator) -> Tensor:
 
     def drawn(bound: float, around: float = 0.0) -> Tensor:
         values = rng.uniform(around - bound, around + bound, videos)
-        return torch.from_numpy(values).to(images)[:, None, None, None, None]
+        return torch.from_numpy(values).to(images, non_blocking=True)[:, None, None, None, None]
 
     brightness, contrast, saturation = drawn(BRIGHTNESS), drawn(CONTRAST, 1.0), drawn(SATURATION, 1.0)
     grey = (images * images.new_tensor(LUMA)[:, None, None]).sum(dim=2, keepdim=True)

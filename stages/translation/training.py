@@ -17,7 +17,7 @@ from torch import Tensor
 from artifacts import sibling
 from stages.board import TensorBoard
 from stages.checkpoints import Checkpoints
-from stages.configs import TranslatorConfig
+from stages.configs import LOSSES, TranslatorConfig
 from stages.processes import Processes
 from stages.run import RunOptions
 from stages.seeding import generator, integer
@@ -32,6 +32,8 @@ WARM_UP = 200  # steps to the peak learning rate
 FINAL_RATE = 0.02  # of the peak, at the end of the cosine
 GRADIENT_NORM = 50.0
 ALIGN_AT = (0.2, 0.5)  # shares of the steps after which videos are aligned, and aligned better
+SHOW_EVERY = 0.2  # seconds between two updates of the progress bar; each reads losses, and so waits for a GPU
+GPU_SHARE = 0.5  # of a GPU's free memory that training videos may take
 
 
 class TranslatorTraining:
@@ -55,7 +57,10 @@ class TranslatorTraining:
         self._processes = processes or Processes()
         self._groups = self._processes.share(config.groups)
         self.config, self.seed, self.device = config, seed, device
-        self._frames = frames
+        self._frames = on_gpu(frames, device)
+        self._red_blue_green = torch.tensor(
+            [0, 2, 1], device=device
+        )  # A list would be sent, and waited for, each step.
         self._index: np.ndarray | None = None  # Frames (N, T) that bring the videos to one tempo.
         self.step = 0
         with torch.random.fork_rng(devices=[]):
@@ -68,6 +73,7 @@ class TranslatorTraining:
             lr=config.learning_rate,
             betas=(0.9, 0.99) if config.schedule == "cosine" else (0.9, 0.999),
             weight_decay=config.weight_decay,
+            fused=device.startswith("cuda") or None,
         )
         self._weights = LossWeights(
             trans=float("trans" not in config.without),
@@ -75,16 +81,24 @@ class TranslatorTraining:
             align=config.lambda_align * ("align" not in config.without),
         )
         losses: Callable[..., dict[str, Tensor]] = translation_losses
-        self._losses = torch.compile(losses) if config.compile else losses
+        # A step is hundreds of small kernels: by CUDA graphs, one launch. A graph's gradients stay where its next run
+        # writes, so that no second group can be added to them; and what dropout draws is seeded outside.
+        graphs = device.startswith("cuda") and len(self._groups) == 1 and not self._drops
+        self._losses = (
+            torch.compile(losses, mode="reduce-overhead" if graphs else "default") if config.compile else losses
+        )
 
-    def train_step(self) -> dict[str, float]:
-        """One optimiser step; returns the three losses, sums over pixels in [-1, 1] or features, a frame."""
+    def train_step(self) -> dict[str, Tensor]:
+        """One optimiser step; returns the three losses, sums over pixels in [-1, 1] or features, a frame.
+
+        They are numbers (float64) on the device: to read them is to wait for it.
+        """
         config = self.config
         for group in self.optimiser.param_groups:
             group["lr"] = self._rate()
         self.optimiser.zero_grad(set_to_none=True)
-        parts = [self._backward(group) for group in self._groups]
-        losses = {name: sum(part[name] for part in parts) / len(parts) for name in parts[0]}
+        first, *others = [self._backward(group) for group in self._groups]
+        losses = sum(others, first) / len(self._groups)
         if self._processes.count > 1:
             losses = self._share(losses)
         if config.schedule == "cosine":
@@ -95,10 +109,10 @@ class TranslatorTraining:
             decay = min(config.ema, (1 + self.step) / (10 + self.step))
             with torch.no_grad():
                 torch._foreach_lerp_(list(self.average.parameters()), list(self.model.parameters()), 1 - decay)
-        return losses
+        return dict(zip(LOSSES, losses.unbind(), strict=True))
 
-    def _backward(self, group: int) -> dict[str, float]:
-        """Add the gradients of one of this process's groups, for their mean; returns its three losses."""
+    def _backward(self, group: int) -> Tensor:
+        """Add the gradients of one of this process's groups, for their mean; returns its three losses (3,)."""
         config = self.config
         videos, contexts, sources, reconstructed = self._batch(group)
         use_amp = config.amp and self.device.startswith("cuda")
@@ -110,7 +124,7 @@ class TranslatorTraining:
                 + self._weights.align * losses["align"]
             )
         (total / len(self._groups)).backward()
-        return {name: float(value.detach()) for name, value in losses.items()}
+        return torch.stack([losses[name].detach() for name in LOSSES]).double()
 
     @contextmanager
     def _dropout(self, group: int) -> Iterator[None]:
@@ -122,19 +136,18 @@ class TranslatorTraining:
             torch.manual_seed(integer(self.seed, "dropout", self.step, group))
             yield
 
-    def _share(self, losses: dict[str, float]) -> dict[str, float]:
-        """Average gradients and losses over the processes.
+    def _share(self, losses: Tensor) -> Tensor:
+        """Average gradients and losses (3,) over the processes.
 
         In one vector, after the backward pass, and not by DistributedDataParallel: that hooks into one call of one
         module's `forward`, where here Enc1, T and Dec are called by themselves and some groups may come first.
         """
         gradients = [parameter.grad for parameter in self.model.parameters() if parameter.grad is not None]
-        values = torch.tensor(list(losses.values()), device=self.device)
-        mean = self._processes.mean(torch.cat([*(gradient.flatten() for gradient in gradients), values]))
-        *parts, values = mean.split([*(gradient.numel() for gradient in gradients), len(values)])
+        mean = self._processes.mean(torch.cat([*(gradient.flatten() for gradient in gradients), losses.float()]))
+        *parts, values = mean.split([*(gradient.numel() for gradient in gradients), len(losses)])
         for gradient, part in zip(gradients, parts, strict=True):
             gradient.copy_(part.view_as(gradient))
-        return dict(zip(losses, values.tolist(), strict=True))
+        return values.double()
 
     def _rate(self) -> float:
         config = self.config
@@ -153,22 +166,32 @@ class TranslatorTraining:
         moments = 1 + rng.choice(times - 1, min(config.frames, times - 1), replace=False)
         shown = np.concatenate([[0], np.sort(moments)])
         index = np.tile(shown, (len(chosen), 1)) if self._index is None else self._index[chosen][:, shown]
-        picked = self._frames[torch.from_numpy(chosen)[:, None], torch.from_numpy(index)]
-        images = to_images(picked.to(self.device))
+        images = to_images(self._picked(chosen, index))
         # Neither changes what a video means, though a mirrored one shows a robot that bends the other way.
-        mirrored, swapped = torch.from_numpy(rng.random((2, len(chosen))) < 0.5).to(self.device)
+        mirrored, swapped = self._sent(rng.random((2, len(chosen))) < 0.5)
         if config.mirror:
             images = torch.where(mirrored[:, None, None, None, None], images.flip(-1), images)
         if config.swap_colours:
-            images = torch.where(swapped[:, None, None, None, None], images[:, :, [0, 2, 1]], images)
+            images = torch.where(swapped[:, None, None, None, None], images[:, :, self._red_blue_green], images)
         if config.augment:
             images = augmented(images, generator(self.seed, "augment", self.step, group))
         shifts = 1 + rng.choice(len(chosen) - 1, min(config.pairings, len(chosen) - 1), replace=False)
-        sources = [torch.from_numpy((np.arange(len(chosen)) + shift) % len(chosen)).to(self.device) for shift in shifts]
+        sources = [self._sent((np.arange(len(chosen)) + shift) % len(chosen)) for shift in shifts]
         reconstructed = None
         if 0 < config.rec_frames < len(moments):
-            reconstructed = torch.from_numpy(rng.choice(len(moments), config.rec_frames, replace=False)).to(self.device)
+            reconstructed = self._sent(rng.choice(len(moments), config.rec_frames, replace=False))
         return images[:, 1:], images[:, 0], sources, reconstructed
+
+    def _picked(self, videos: np.ndarray, index: np.ndarray) -> Tensor:
+        """Frames `index` (V, F) of the training videos (V,), on the device."""
+        if self._frames.is_cuda:
+            return self._frames[self._sent(videos)[:, None], self._sent(index)]
+        return self._sent(self._frames[torch.from_numpy(videos)[:, None], torch.from_numpy(index)])
+
+    def _sent(self, values: np.ndarray | Tensor) -> Tensor:
+        """Values on the device; a GPU is not waited for."""
+        values = torch.as_tensor(values)
+        return values.pin_memory().to(self.device, non_blocking=True) if self.device.startswith("cuda") else values
 
     def align(self) -> None:
         """Bring all videos to one tempo by what the network has learned so far, if they are to be aligned now."""
@@ -193,6 +216,13 @@ class TranslatorTraining:
         self.model.load_state_dict(from_tree(state["model"]))
         self.average.load_state_dict(from_tree(state["average"]))
         self.optimiser.load_state_dict(from_tree(state["optimiser"]))
+
+
+def on_gpu(frames: Tensor, device: str) -> Tensor:
+    """The training videos in the memory of the GPU, if `device` is one and they fit well; else as they are."""
+    if device.startswith("cuda") and frames.nbytes <= GPU_SHARE * torch.cuda.mem_get_info(device)[0]:
+        return frames.to(device)
+    return frames
 
 
 def train(
@@ -230,18 +260,18 @@ def train(
         """Seconds since the last evaluation, those before a resumed run's checkpoint included."""
         return before + time.monotonic() - since
 
-    def measure(losses: dict[str, float]) -> None:
+    def measure(losses: dict[str, Tensor]) -> None:
         nonlocal before, since
         held.update({f"held_out/{name}": value for name, value in evaluate(training.average).items()})
         times = {"step": float(training.step), "seconds": spent()}
         before, since = 0.0, time.monotonic()
-        row = {**times, **{f"train/{name}": value for name, value in losses.items()}, **held}
+        row = {**times, **{f"train/{name}": float(value) for name, value in losses.items()}, **held}
         for name, value in row.items():
             curve.setdefault(name, []).append(value)
         if board is not None:
             board.write(training.step, row)
 
-    since = start = time.monotonic()
+    since = start = shown_at = time.monotonic()
     first = training.step
     try:
         with (
@@ -255,8 +285,10 @@ def train(
                 losses = training.train_step()
                 if main and (training.step % config.evaluate_every == 0 or training.step == config.steps):
                     measure(losses)
-                shown = {k: held[f"held_out/{k}"] for k in ("psnr", "copy_psnr", "ssim", "feature_ratio") if held}
-                bar.update(training.step, trans=losses["trans"], rec=losses["rec"], **shown)
+                if time.monotonic() - shown_at >= SHOW_EVERY or training.step == config.steps:
+                    shown = {k: held[f"held_out/{k}"] for k in ("psnr", "copy_psnr", "ssim", "feature_ratio") if held}
+                    bar.update(training.step, trans=float(losses["trans"]), rec=float(losses["rec"]), **shown)
+                    shown_at = time.monotonic()
                 if main and training.step % config.checkpoint_every == 0 and training.step < config.steps:
                     checkpoints.save({"training": training.state(), "curve": curve, "seconds": spent()})
     except KeyboardInterrupt as error:

@@ -89,6 +89,14 @@ def test_doctor_says_what_to_mend(run_ifo, monkeypatch):
 
 
 @pytest.mark.gl
+@pytest.mark.cuda
+def test_doctor_names_the_gpu(run_ifo):
+    import torch
+
+    _, out, _ = run_ifo("doctor")
+    assert torch.cuda.get_device_name(0) in out
+
+
 def test_doctor_is_content_here(run_ifo):
     code, out, err = run_ifo("doctor")
     assert code == 0, out + err

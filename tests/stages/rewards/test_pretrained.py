@@ -32,6 +32,15 @@ def test_the_weights_are_those_of_the_trained_network(network):
     assert features.std() > 1
 
 
+@pytest.mark.cuda
+def test_a_gpu_gives_the_features_of_the_cpu(monkeypatch, squares):
+    monkeypatch.setattr(torch.backends.cudnn, "allow_tf32", False)
+    videos = squares(2, n=8, seed=1)
+    here, there = (track(load_network().to(device), videos, "best", device) for device in ("cpu", "cuda"))
+    assert there.layer == here.layer and there.mean.is_cuda
+    torch.testing.assert_close(there.mean.cpu(), here.mean, rtol=1e-3, atol=1e-3)
+
+
 def test_following_the_demonstrations_beats_standing_still(network, stage, squares):
     target = track(network, squares(2, n=12, seed=1), "block4", "cpu")
     reward = PretrainedReward(stage.task, {}, stage.pool, network, target)
