@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -62,6 +62,12 @@ class LinearGaussianController:
     def sample(self, step: int, states: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """Actions (n, du) at control step `step` in states (n, dx), of standard normal noise (n, du)."""
         return self.act(step, states) + noise @ np.linalg.cholesky(self.covariances[step]).T
+
+    def widened(self, least: float) -> LinearGaussianController:
+        """The controller with a standard deviation of at least `least` in every direction of the actions."""
+        variances, directions = np.linalg.eigh(self.covariances)
+        scaled = directions * np.maximum(variances, least**2)[:, None]
+        return replace(self, covariances=scaled @ directions.swapaxes(1, 2))
 
     def std(self) -> float:
         """Mean standard deviation of the actions."""

@@ -33,7 +33,7 @@ class Improvement:
     Attributes:
         controller: The next controller.
         marginals: What the fitted dynamics foretell of it.
-        divergence: KL from the old controller, of a whole rollout, nats.
+        divergence: KL from the old controller, of a whole rollout, nats; before its noise was widened.
         bound: What it may be at most.
         eta: The dual variable.
         binding: Whether the bound is what stopped it.
@@ -69,7 +69,13 @@ class Search:
 
 
 def iterate(
-    search: Search, states: np.ndarray, actions: np.ndarray, cost: QuadraticCost, kl: float, rng: np.random.Generator
+    search: Search,
+    states: np.ndarray,
+    actions: np.ndarray,
+    cost: QuadraticCost,
+    kl: float,
+    rng: np.random.Generator,
+    least_std: float = 0.0,
 ) -> tuple[Search, Improvement]:
     """Learn from rollouts of `search.controller`.
 
@@ -80,6 +86,7 @@ def iterate(
         cost: What is minimised.
         kl: Bound on the KL divergence of an update, a control step, nats; adapted on the way.
         rng: Starts the mixture.
+        least_std: Of the next controller's actions, whatever the update makes of it.
     """
     if len(search.states):
         remembered = np.concatenate([search.states, states])[-REMEMBERED:]
@@ -96,6 +103,9 @@ def iterate(
     if search.foretold is not None:
         step = float(np.clip(step * step_change(*search.foretold, now), *STEP_RANGE))
     found = improve(dynamics, cost, search.controller, mean, covariance, kl * step * actions.shape[1])
+    if least_std:
+        wide = found.controller.widened(least_std)
+        found = replace(found, controller=wide, marginals=forward(dynamics, wide, mean, covariance))
     foretold = (now, found.marginals.cost(cost))
     return replace(
         search,

@@ -26,7 +26,12 @@ from stages.seeding import generator
 from stages.simulation.task import State, Task
 
 MOST_STEPS = 200  # control steps an episode: over many more, errors of the dynamics add up to nonsense
-ACTION_COST = 1e-2  # of an action of 1, over the cost that a reward's weights of one give to an error of one
+# R of a cost of actions 1/2 R |u|^2, over what standing still costs a control step. Linear dynamics know of no limits
+# to the motors: where actions cost little, updates ask for a hundred times what there is, and learn little from it.
+ACTION_COST = 0.2
+# Least standard deviation of actions over the first one, falling to none in the last iteration: an update that sees no
+# way to move an object leaves hardly any noise, and then none is found.
+EXPLORATION = 0.5
 
 
 class GuidedPolicySearch:
@@ -70,7 +75,7 @@ class GuidedPolicySearch:
         std = float(np.exp(config.log_std))
         first = LinearGaussianController.constant(steps, self._size + tracked, env.task.action_size, std)
         self._search = Search(first)
-        penalty = ACTION_COST * np.eye(env.task.action_size)
+        penalty = ACTION_COST * self._standing_still() * np.eye(env.task.action_size)
         self._cost = QuadraticCost.tracking(self._size + tracked, reward.targets, reward.cost_weights, penalty)
         self.own = LinearGaussianController.constant(steps, self._size, env.task.action_size, std)
         self.last: Improvement | None = None
@@ -86,7 +91,9 @@ class GuidedPolicySearch:
         """One episode of every simulation, and one update; named and called as Stable-Baselines3's."""
         rng = generator(self._seed, "gps", self._iterations)
         states, actions = self.rollouts(rng)
-        self._search, self.last = iterate(self._search, states, actions, self._cost, self._config.kl, rng)
+        left = max(1 - (self._iterations + 1) / self._config.iterations, 0)
+        least_std = EXPLORATION * left * float(np.exp(self._config.log_std))
+        self._search, self.last = iterate(self._search, states, actions, self._cost, self._config.kl, rng, least_std)
         self.own = on_part(self.controller, self.last.marginals, self._size)
         self._iterations += 1
         self.num_timesteps += actions.shape[0] * actions.shape[1]
@@ -105,6 +112,12 @@ class GuidedPolicySearch:
             _, _, done, _ = env.step(actions[-1])
             states.append(self._state(step + 1, env.final if done[0] else env.state))
         return np.stack(states, axis=1), np.stack(actions, axis=1)
+
+    def _standing_still(self) -> float:
+        """What it costs a control step to stay where the environment has just begun."""
+        seen = self._reward.tracked(0, self.env.state, self.env.contexts).mean(axis=0)
+        apart = np.square(self._reward.targets - seen).sum(axis=1)
+        return max(float((0.5 * self._reward.cost_weights * apart).mean()), 1e-9)
 
     def _state(self, step: int, state: State) -> np.ndarray:
         """x (n, dx) after `step` control steps."""

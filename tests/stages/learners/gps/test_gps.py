@@ -14,6 +14,7 @@ from stages.learners.algorithms import learner_state, make_learner, restore_lear
 from stages.learners.environment import EpisodeEnv
 from stages.learners.gps.controller import LinearGaussianController
 from stages.learners.gps.gps import STEP_CHANGE, Search, improve, iterate, step_change
+from stages.learners.gps.learner import EXPLORATION
 from stages.learners.gps.lqr import backward, forward
 from stages.learners.policy import Policy, policy_weights
 from stages.presets import defaults
@@ -23,7 +24,7 @@ from stages.run import RunOptions
 from stages.simulation.batch import rollout
 from stages.simulation.contexts import DISTRIBUTIONS, repeat
 from stages.simulation.reach import Reach
-from stages.simulation.tasks import make_task
+from stages.simulation.tasks import learner_context, make_task
 
 CONFIG = LearnerConfig(learner="gps", episodes=10, kl=1.0, log_std=0.0)
 SMALL = dataclasses.replace(CONFIG, episodes=5, iterations=4, checkpoint_every=2)
@@ -75,6 +76,50 @@ def test_a_bound_that_does_not_bind_leaves_the_optimum(mass, to_place):
 def test_the_step_follows_from_what_came_of_the_last(before, foretold, actual, change):
     expected = change if change != 0.1 else max(STEP_CHANGE[0], 4 / (2 * 84))
     assert step_change(before, foretold, actual) == pytest.approx(expected)
+
+
+def test_noise_is_kept_until_the_last_iteration():
+    model = make_learner(SMALL, environment(SMALL), 4)
+    std = np.exp(SMALL.log_std)
+    for done in range(1, SMALL.iterations + 1):
+        model.learn(0)
+        least = EXPLORATION * std * (1 - done / SMALL.iterations)
+        assert np.linalg.eigvalsh(model.controller.covariances).min() >= 0.999 * least**2
+
+
+def test_a_wider_controller_keeps_the_noise_that_it_has(any_controller):
+    narrow = any_controller(0)
+    variances = np.linalg.eigvalsh(narrow.covariances)
+    least = float(np.sqrt(np.median(variances)))
+    wide = narrow.widened(least)
+    np.testing.assert_allclose(np.linalg.eigvalsh(wide.covariances), np.maximum(variances, least**2))
+    np.testing.assert_array_equal(wide.gains, narrow.gains)
+
+
+def test_actions_cost_the_more_the_larger_the_reward():
+    task = Reach()
+    costs = []
+    for scale in (1.0, 10.0):
+        reward = GoalReward(task, context_of(task))
+        reward.cost_weights = scale * reward.cost_weights
+        costs.append(make_learner(SMALL, environment(SMALL, task, reward), 0)._cost)
+    np.testing.assert_allclose(costs[1].action, 10 * costs[0].action)
+
+
+@pytest.mark.slow
+def test_a_can_is_pushed_within_the_limits_of_the_motors():
+    """With actions a tenth as dear, they grew to a hundred times the limit here, and the can ended anywhere."""
+    task = make_task("push-real")
+    config = defaults("quick", "learn-policy", "push-real", "gps")
+    config = dataclasses.replace(config, learner="gps", iterations=12)
+    context = learner_context(task, 0, DISTRIBUTIONS["paper"])
+    env = EpisodeEnv(task, 10, 0, lambda rng, n: repeat(context, n), GoalReward(task, context), nthread=1)
+    model = make_learner(config, env, 0)
+    for _ in range(config.iterations):
+        model.learn(0)
+        distances = env.pop_distances()
+    assert distances.mean() < task.success_threshold
+    assert np.abs(model.last.marginals.action_mean).max() < 2
 
 
 def test_reach_is_learned_from_100_rollouts_and_the_policy_needs_no_goal(tmp_path):
