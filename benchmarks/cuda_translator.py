@@ -37,9 +37,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "compiled": {"amp": False, "compile": True},
     "compiled_amp": {"amp": True, "compile": True},
 }
-BYTES_A_WEIGHT = 4 * (
-    1 + 1 + 5 + 1
-)  # the gradient written; then it, weight and two moments read, three of these written
+BYTES_A_WEIGHT = 4 * (1 + 4 + 3)  # the gradient written; it, weight and two moments read; three of these written
 
 
 def milliseconds(work: Callable[[], Any], times: int) -> float:

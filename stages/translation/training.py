@@ -58,9 +58,7 @@ class TranslatorTraining:
         self._groups = self._processes.share(config.groups)
         self.config, self.seed, self.device = config, seed, device
         self._frames = on_gpu(frames, device)
-        self._red_blue_green = torch.tensor(
-            [0, 2, 1], device=device
-        )  # A list would be sent, and waited for, each step.
+        self._red_blue_green = torch.tensor([0, 2, 1], device=device)  # A list would be waited for at each step.
         self._index: np.ndarray | None = None  # Frames (N, T) that bring the videos to one tempo.
         self.step = 0
         with torch.random.fork_rng(devices=[]):
