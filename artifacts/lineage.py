@@ -66,7 +66,8 @@ def ancestors(
 def _path_of(artifact: Artifact, parent: Parent) -> Path:
     folder = artifact.path.parent
     path = Path(os.path.normpath(folder / parent.path))
-    return path if path.is_file() else Path(os.path.normpath(folder.resolve() / parent.path))
+    real = Path(os.path.normpath(folder.resolve() / parent.path))  # Elsewhere, if the folder is reached by a link.
+    return real if real.is_file() and not path.is_file() else path
 
 
 def _changed(child: Artifact, parent: Parent, found: Artifact) -> bool:

@@ -13,6 +13,7 @@ from stages.reporting.rows import Run
 from stages.reporting.summary import Summary
 
 PANEL = (4.6, 3.4)  # inches, of a learning curve
+LEGEND_LINE = 0.15  # of a learning curves' legend, inches
 BAR = 0.34  # inches, of a bar and the gap beside it
 WIDTH = 7.6  # inches, of plots of bars
 ABLATED = "translation"  # what the names of the method and of its ablations start with
@@ -97,7 +98,8 @@ def _curves(summaries: Sequence[Summary], colours: dict[str, Any]) -> bytes:
     tasks = list(dict.fromkeys(item.task for item in known))
     columns = min(2, len(tasks))
     rows = math.ceil(len(tasks) / columns)
-    size = (PANEL[0] * max(columns, 1.4), PANEL[1] * rows)
+    lines = max(sum(item.task == task for item in known) for task in tasks) // 2 + 1  # of a legend of two columns
+    size = (PANEL[0] * max(columns, 1.4), (PANEL[1] + LEGEND_LINE * lines) * rows)
     figure, panels = pyplot.subplots(rows, columns, figsize=size, dpi=120, squeeze=False)
     for panel in panels.flat[len(tasks) :]:
         panel.set_visible(False)
@@ -115,7 +117,7 @@ def _curves(summaries: Sequence[Summary], colours: dict[str, Any]) -> bytes:
         panel.set_ylabel("final distance / initial distance", fontsize=8)
         panel.set_ylim(0, None)
         panel.tick_params(labelsize=8)
-        panel.legend(fontsize=7)
+        panel.legend(fontsize=7, ncols=2, loc="upper left", bbox_to_anchor=(0, -0.16), frameon=False)
         panel.spines[["top", "right"]].set_visible(False)
     return _png(figure)
 

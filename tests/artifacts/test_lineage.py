@@ -31,9 +31,12 @@ def test_all_generations_are_there(translation):
     assert states(translation, parents=[]) == []
 
 
-def test_a_branch_ends_where_a_file_is_gone(translation, translator, demos):
+def test_a_branch_ends_where_a_file_is_gone(translation, translator, demos, monkeypatch):
     demos.unlink()
     assert states(translation) == [(1, "translator", "present"), (2, "demos", "missing")]
+    monkeypatch.chdir(translation.parent)
+    [_, gone] = ancestors(read_artifact(translation.name))
+    assert str(gone.path) == demos.name  # by the way the reader came, not by this machine's
     translator.write_text("no")
     [item] = ancestors(read_artifact(translation))
     assert item.state == "unreadable" and item.artifact is None and str(translator) in item.problem
