@@ -75,6 +75,7 @@ def test_parts_import_no_stage(part):
 def test_commands_import_nothing_heavy_when_they_are_loaded():
     """At module level a command may import typer, rich, and what is light of ours."""
     light = {
+        "stages.interrupts",
         "artifacts.errors",
         "stages.configs",
         "stages.presets",

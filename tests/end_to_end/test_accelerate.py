@@ -160,7 +160,9 @@ def test_what_both_find_wrong_is_said_once(tmp_path, demos, words, expected):
     assert not (tmp_path / "new").exists()
 
 
-@pytest.mark.parametrize(("rank", "step"), [(1, 0), (1, 3), pytest.param(0, 3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("rank", "step"), [(1, 3), *(pytest.param(*ends, marks=pytest.mark.slow) for ends in ((1, 0), (0, 3)))]
+)
 def test_what_ends_one_process_ends_the_other(tmp_path, demos, rank, step):
     script = tmp_path / "broken.py"
     script.write_text(BROKEN)

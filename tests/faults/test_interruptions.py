@@ -99,7 +99,9 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("stage", CASES)
+@pytest.mark.parametrize(
+    "stage", [pytest.param(case, marks=pytest.mark.slow if case.endswith(" real") else ()) for case in CASES]
+)
 def test_sigkill_then_resume_gives_the_undisturbed_result(stage, inputs, tmp_path):
     words, kind = CASES[stage]
     whole, killed = tmp_path / f"whole.{kind}.h5", tmp_path / f"killed.{kind}.h5"

@@ -81,7 +81,9 @@ def test_a_loss_that_is_switched_off_does_not_train(loss):
 
 
 # With dropout features take longer to learn than pictures, and at the compact network's rate longer than a test.
-@pytest.mark.parametrize(("arch", "rate", "ratio"), [("compact", 1e-3, 0.6), ("real", 3e-3, 0.9)])
+@pytest.mark.parametrize(
+    ("arch", "rate", "ratio"), [("compact", 1e-3, 0.6), pytest.param("real", 3e-3, 0.9, marks=pytest.mark.slow)]
+)
 def test_learns_to_translate_a_moving_square(arch, rate, ratio):
     config = defaults("quick", "train-translator", choice=arch)
     options = {"arch": arch, "steps": 400, "frames": 3, "learning_rate": rate, "swap_colours": False, "ema": 0.98}
