@@ -269,3 +269,7 @@ def test_a_learner_has_its_own_defaults():
     gps = defaults("quick", "learn-policy", "strike", "gps")
     assert (gps.iterations, gps.episodes, gps.image_weight) == (20, 10, 8.0)
     assert defaults("toy", "learn-policy", "reach", "gps").episodes == 5
+    household = defaults("quick", "learn-policy", "sweep-paper", "gps")
+    assert (household.ramp, household.blur) == ("none", 8.0)
+    assert defaults("quick", "learn-policy", "sweep-paper").ramp == "task", "TRPO has the usual ones"
+    assert defaults("paper", "learn-policy", "sweep-paper", "gps").blur == 0, "as the paper has it"
