@@ -21,14 +21,14 @@ from stages.simulation.gl import choose_backend
 HERE = Path(os.path.relpath(Path(__file__).parent))
 RUNS, EVALUATIONS = Path("runs/gps"), HERE / "gps"
 TASK = "push-real"
-ROLLOUTS = ("--iterations", 20, "--episodes", 10)
+OPTIONS = ("--reward", "oracle", "--ramp", "task", "--iterations", 20, "--episodes", 10)
 LEARNERS = ("gps", "trpo")
 
 
 def learn(translation: Path, learner: str, seed: int) -> Path:
     """One run and its evaluation."""
-    words = ("learn-policy", translation, "--learner", learner, "--reward", "oracle", *ROLLOUTS, "--workers", 1)
-    policy = ifo(*words, "--resume", out=RUNS / f"{TASK}-{learner}-c{seed}.policy.h5")
+    words = ("learn-policy", translation, "--learner", learner, *OPTIONS, "--workers", 1, "--resume")
+    policy = ifo(*words, out=RUNS / f"{TASK}-{learner}-c{seed}.policy.h5")
     return ifo("evaluate", policy, "--workers", 1, out=EVALUATIONS / f"{stem_of(policy)}.evaluation.h5")
 
 

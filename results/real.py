@@ -30,7 +30,11 @@ HERE = Path(os.path.relpath(Path(__file__).parent))
 REAL, EVALUATIONS = Path("runs/real"), HERE / "real"
 CONTEXTS = 5
 ROLLOUTS = ("--iterations", 25, "--episodes", 20)
-TRANSLATOR: dict[str, tuple[object, ...]] = {"": ("--augment",)}  # options; "": of all tasks without their own
+# Options; "": of all tasks without their own. A mirrored ladle tips to the other side.
+TRANSLATOR: dict[str, tuple[object, ...]] = {
+    "": ("--augment", "--no-swap-colours", "--mirror"),
+    "ladle-almonds": ("--augment", "--no-swap-colours"),
+}
 METHODS: dict[str, tuple[object, ...]] = {
     "translation": (),
     "features": ("--without", "img"),
