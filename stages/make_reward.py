@@ -67,7 +67,7 @@ def make_reward(
             from stages.rewards.projected import ProjectedTrackingReward
 
             tracked = embedded_track(network, videos[:EXAMPLES], target, device)
-            return ProjectedTrackingReward(task, contexts, pool(), *tracked, ramp, COMPONENTS)
+            return ProjectedTrackingReward(task, contexts, pool(), *tracked, ramp, COMPONENTS, whole=False)
         return PretrainedReward(task, contexts, pool(), network, target, ramp, device)
     return _translation(config, task, source, contexts, pool, seed, device, ramp)
 

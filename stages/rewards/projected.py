@@ -3,8 +3,10 @@
 Guided policy search has what it tracks in its state (Sec. V.B: 100 features), and fits linear dynamics to it from some
 dozen rollouts. So both terms of the reward, R_feat + w_rec R_img, are written as one squared distance: between vectors
 of features, pixels and blurred pixels, each divided by the root of its scale. Principal components of the translated
-demonstrations reduce these to `MOST` numbers at most, or to as few as hold `KEPT` of their variance; what robot and
-target differ in beyond those does not count. With `--without img` the vector is the features alone, as in the paper.
+demonstrations reduce these to `MOST` numbers at most, or to as few as hold `KEPT` of their variance. What robot and
+target differ in beyond those is one number more, its length, whose target is zero: objects that lie where no
+demonstration ever left one are seen by it alone. So the cost is the whole reward. With `--without img` the vector is
+the features alone, as in the paper.
 
 Between two frames the numbers stay those of the frame last drawn, and cost nothing.
 """
@@ -33,12 +35,12 @@ Embedding = Callable[[Tensor, Tensor], Tensor]
 
 
 class ProjectedTrackingReward(FrameReward):
-    """-w_j |z_j - z*_j|^2 of frame j, z being the principal components of the frame's embedding.
+    """-w_j |z_j - z*_j|^2 of frame j, z being the principal components of the frame's embedding, and what is beyond.
 
     Attributes:
         targets: z* of the frame last drawn, at every control step (control steps + 1, m).
         cost_weights: Twice w_j at control steps that a frame shows but the first, else 0 (control steps + 1,).
-        components: m.
+        components: How many of z are components.
     """
 
     def __init__(
@@ -51,6 +53,7 @@ class ProjectedTrackingReward(FrameReward):
         examples: np.ndarray,
         ramp: str = "none",
         most: int = MOST,
+        whole: bool = True,
     ):
         """Track `target` in `context` (leading axis 1).
 
@@ -63,28 +66,36 @@ class ProjectedTrackingReward(FrameReward):
             examples: Embeddings (M, E), whose principal components z is made of.
             ramp: `quadratic` weights frame j by j^2, scaled to a mean of one.
             most: Components at most.
+            whole: Track how far the embedding is from the target's beyond the components, too.
         """
         super().__init__(task, context, pool)
         self._embed = embed
         self._centre, self._basis = principal_components(np.concatenate([examples, target]), most)
         self._frame_weights = time_weights(ramp, task.frames)
-        self._frame_targets = self._project(target)
+        self._embedded_target, self._whole = target, whole
+        self._frame_targets = np.stack([self._project(each[None], j)[0] for j, each in enumerate(target)])
         self.components = self._basis.shape[1]
         self.targets, self.cost_weights = tracking_cost(task, self._frame_targets, self._frame_weights)
-        self._seen = np.empty((0, self.components))
+        self._seen = np.empty((0, self._frame_targets.shape[1]))
 
-    def _project(self, embeddings: np.ndarray) -> np.ndarray:
-        """z (n, m) of embeddings (n, E)."""
-        return (embeddings - self._centre) @ self._basis
+    def _project(self, embeddings: np.ndarray, frame: int) -> np.ndarray:
+        """z (n, m) of embeddings (n, E) of frame `frame`."""
+        seen = (embeddings - self._centre) @ self._basis
+        if not self._whole:
+            return seen
+        apart = embeddings - self._embedded_target[frame]
+        inside = np.square(apart @ self._basis).sum(axis=1)
+        beyond = np.sqrt(np.maximum(np.square(apart).sum(axis=1) - inside, 0))
+        return np.concatenate([seen, beyond[:, None]], axis=1)
 
     def judge(self, frame: int, drawn: np.ndarray) -> np.ndarray:
-        self._seen = self._project(self._embed(drawn))
+        self._seen = self._project(self._embed(drawn), frame)
         apart = np.square(self._seen - self._frame_targets[frame]).sum(axis=1)
         return -self._frame_weights[frame] * apart
 
     def tracked(self, step: int, state: State, contexts: Contexts) -> np.ndarray:
         if step == 0:
-            self._seen = self._project(self._embed(self._pool.render(self._fields, state.qpos[None])[0]))
+            self._seen = self._project(self._embed(self._pool.render(self._fields, state.qpos[None])[0]), 0)
         return self._seen
 
 

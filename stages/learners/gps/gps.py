@@ -33,7 +33,7 @@ class Improvement:
     Attributes:
         controller: The next controller.
         marginals: What the fitted dynamics foretell of it.
-        divergence: KL from the old controller, of a whole rollout, nats; before its noise was widened.
+        divergence: KL from the old controller, of a whole rollout, nats.
         bound: What it may be at most.
         eta: The dual variable.
         binding: Whether the bound is what stopped it.
@@ -76,6 +76,7 @@ def iterate(
     kl: float,
     rng: np.random.Generator,
     least_std: float = 0.0,
+    period: int = 1,
 ) -> tuple[Search, Improvement]:
     """Learn from rollouts of `search.controller`.
 
@@ -87,6 +88,7 @@ def iterate(
         kl: Bound on the KL divergence of an update, a control step, nats; adapted on the way.
         rng: Starts the mixture.
         least_std: Of the next controller's actions, whatever the update makes of it.
+        period: Control steps from one frame to the next.
     """
     if len(search.states):
         remembered = np.concatenate([search.states, states])[-REMEMBERED:]
@@ -94,7 +96,7 @@ def iterate(
     else:
         remembered, done = states, actions
     mixture = fit_prior(transitions(remembered, done), rng, search.mixture)
-    dynamics = fit_dynamics(states, actions, mixture)
+    dynamics = fit_dynamics(states, actions, mixture, period)
     mean = states[:, 0].mean(axis=0)
     apart = states[:, 0] - mean
     covariance = apart.T @ apart / len(states) + LEAST_VARIANCE * np.eye(len(mean))
@@ -102,10 +104,7 @@ def iterate(
     step = search.step
     if search.foretold is not None:
         step = float(np.clip(step * step_change(*search.foretold, now), *STEP_RANGE))
-    found = improve(dynamics, cost, search.controller, mean, covariance, kl * step * actions.shape[1])
-    if least_std:
-        wide = found.controller.widened(least_std)
-        found = replace(found, controller=wide, marginals=forward(dynamics, wide, mean, covariance))
+    found = improve(dynamics, cost, search.controller, mean, covariance, kl * step * actions.shape[1], least_std)
     foretold = (now, found.marginals.cost(cost))
     return replace(
         search,
@@ -136,6 +135,7 @@ def improve(
     mean: np.ndarray,
     covariance: np.ndarray,
     bound: float,
+    least_std: float = 0.0,
 ) -> Improvement:
     """Minimise the expected cost with KL(new || old) of a rollout at most `bound`, nats.
 
@@ -148,10 +148,13 @@ def improve(
         mean: Of the initial state (dx,).
         covariance: Of the initial state (dx, dx).
         bound: On the divergence.
+        least_std: Of the new controller's actions, in every direction; the divergence counts it.
     """
 
     def attempt(eta: float) -> Improvement:
         controller = backward(dynamics, cost, eta, old)
+        if least_std:
+            controller = controller.widened(least_std)
         marginals = forward(dynamics, controller, mean, covariance)
         found = divergence(controller, old, marginals)
         return Improvement(controller, marginals, found, bound, eta, binding=True)

@@ -93,7 +93,9 @@ class GuidedPolicySearch:
         states, actions = self.rollouts(rng)
         left = max(1 - (self._iterations + 1) / self._config.iterations, 0)
         least_std = EXPLORATION * left * float(np.exp(self._config.log_std))
-        self._search, self.last = iterate(self._search, states, actions, self._cost, self._config.kl, rng, least_std)
+        self._search, self.last = iterate(
+            self._search, states, actions, self._cost, self._config.kl, rng, least_std, self.env.task.frame_every
+        )
         self.own = on_part(self.controller, self.last.marginals, self._size)
         self._iterations += 1
         self.num_timesteps += actions.shape[0] * actions.shape[1]

@@ -74,3 +74,16 @@ def test_distances_of_embeddings_are_the_reward(squares, without, blur):
     apart = (embed(model.encode(shown), shown) - embed(features, images)[3]).square().sum(dim=1)
     reward = TrackingReward(model, target, np.ones(6), 2.0, without)(videos[1:, 3], 3)
     np.testing.assert_allclose(-apart.numpy(), sum(reward.values()), rtol=1e-3)
+
+
+def test_what_no_demonstration_showed_costs_as_much(stage, squares):
+    reward, videos, target = made(stage, squares)
+    shown = videos[:2].copy()
+    shown[:, :, :3, :3] = 255  # where the square never is
+    first, second = (stage.perform(reward, each).sum(axis=1) for each in (videos[:2], shown))
+    apart = [
+        np.square(flat(each.reshape(-1, *each.shape[2:])).reshape(2, 6, -1) - target) for each in (videos[:2], shown)
+    ]
+    np.testing.assert_allclose(first, -apart[0][:, 1:].sum(axis=(1, 2)))
+    np.testing.assert_allclose(second, -apart[1][:, 1:].sum(axis=(1, 2)))
+    assert (second < first - 5).all()

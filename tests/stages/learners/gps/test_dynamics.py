@@ -3,7 +3,7 @@
 import numpy as np
 
 from stages.learners.gps.controller import LinearGaussianController
-from stages.learners.gps.dynamics import fit_dynamics, fit_prior, transitions
+from stages.learners.gps.dynamics import fit_dynamics, fit_prior, neighbours, transitions
 from stages.learners.gps.gmm import Mixture, fit_mixture
 
 
@@ -79,3 +79,47 @@ def test_the_prior_helps_where_rollouts_are_few(mass, roll):
         prior = fit_prior(transitions(states, actions), np.random.default_rng(seed))
         errors = [np.abs(fit_dynamics(states, actions, p).transition - mass.transition).mean() for p in (None, prior)]
         assert errors[1] < 0.5 * errors[0]
+
+
+def unrelated(states, rng, count):
+    """States with `count` more entries, which wander by themselves."""
+    noise = 0.01 * rng.standard_normal((*states.shape[:2], count))
+    return np.concatenate([states, noise.cumsum(axis=1)], axis=2)
+
+
+def test_what_few_rollouts_foretell_is_nearer_than_that_nothing_changes(mass, roll):
+    """Of rollouts of another controller, with as many regressors as a state with images has."""
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        states, actions = simulated(mass, roll, 12, seed)
+        states = unrelated(states, rng, 20)
+        fitted = fit_dynamics(states, actions, fit_prior(transitions(states, actions), rng))
+        other = LinearGaussianController.constant(12, 4, 2, 0.3)
+        other.offsets[:] = 0.5
+        later, done = roll(mass, other, 0.1 * rng.standard_normal((12, 4)), rng)
+        foretold = [unrelated(later, rng, 20)[:, 0].mean(axis=0)]
+        for t in range(12):
+            both = np.concatenate([foretold[-1], done[:, t].mean(axis=0)])
+            foretold.append(fitted.transition[t] @ both + fitted.offset[t])
+        truth, before = later.mean(axis=0), states[:, :, :4].mean(axis=0)
+        error = np.square(np.stack(foretold)[:, :4] - truth).sum()
+        assert error < 0.1 * np.square(before - truth).sum()
+
+
+def test_noise_is_what_the_dynamics_leave_over(mass, roll):
+    states, actions = simulated(mass, roll, 20, 0)
+    states = unrelated(states, np.random.default_rng(0), 8)
+    fitted = fit_dynamics(states, actions, fit_prior(transitions(states, actions), np.random.default_rng(0)))
+    assert np.linalg.eigvalsh(fitted.noise).min() > 0
+    assert np.abs(fitted.noise - fitted.noise.swapaxes(1, 2)).max() < 1e-12
+    left = states[:, 1:] - states[:, :-1]
+    assert (np.diagonal(fitted.noise, axis1=1, axis2=2).mean(axis=0)[4:] > 0.3 * left.var(axis=(0, 1))[4:]).all()
+
+
+def test_neighbours_in_time_are_those_at_the_same_place_between_two_frames():
+    shares = neighbours(9, 2)
+    np.testing.assert_array_equal(shares, shares.T)
+    np.testing.assert_array_equal(np.diag(shares), 1)
+    assert set(np.flatnonzero(shares[4])) == {0, 2, 4, 6, 8}
+    assert shares[4, 2] > shares[4, 0] > 0
+    assert set(np.flatnonzero(neighbours(9, 1)[4])) == {2, 3, 4, 5, 6}

@@ -15,7 +15,7 @@ from stages.learners.environment import EpisodeEnv
 from stages.learners.gps.controller import LinearGaussianController
 from stages.learners.gps.gps import STEP_CHANGE, Search, improve, iterate, step_change
 from stages.learners.gps.learner import EXPLORATION
-from stages.learners.gps.lqr import backward, forward
+from stages.learners.gps.lqr import backward, divergence, forward
 from stages.learners.policy import Policy, policy_weights
 from stages.presets import defaults
 from stages.progress import Progress
@@ -67,6 +67,19 @@ def test_a_bound_that_does_not_bind_leaves_the_optimum(mass, to_place):
     found = improve(mass, cost, old, np.zeros(4), 0.01 * np.eye(4), 1e9)
     assert not found.binding
     np.testing.assert_allclose(found.controller.gains, backward(mass, cost, 1e-6).gains, atol=1e-5)
+
+
+def test_the_bound_is_met_by_the_controller_that_is_run(mass, to_place):
+    """Its noise is no less than asked for, and what the update saves by not losing noise it spends on the actions."""
+    cost, old = to_place(12), LinearGaussianController.constant(12, 4, 2, 0.5)
+    start = np.zeros(4), 0.01 * np.eye(4)
+    narrow, wide = (improve(mass, cost, old, *start, 40.0, least) for least in (0.0, 0.5))
+    assert np.linalg.eigvalsh(wide.controller.covariances).min() >= 0.999 * 0.25
+    for found in (narrow, wide):
+        assert found.binding and 0.95 * 40 <= found.divergence <= 40
+        assert divergence(found.controller, old, found.marginals) == pytest.approx(found.divergence)
+    moved = [np.square(found.marginals.action_mean).sum() for found in (narrow, wide)]
+    assert moved[1] > 1.02 * moved[0]
 
 
 @pytest.mark.parametrize(
