@@ -114,6 +114,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--parallel", type=int, default=2, help="runs side by side")
     parser.add_argument("--only", nargs="*", default=list(HOUSEHOLD), choices=HOUSEHOLD, help="tasks to run")
+    parser.add_argument("--methods", nargs="*", default=list(METHODS), choices=METHODS, help="methods to run")
     parser.add_argument("--contexts", type=int, default=CONTEXTS, help="contexts a task and method")
     parser.add_argument("--toy", action="store_true", help="preset toy, to try this script; writes no table")
     arguments = parser.parse_args()
@@ -130,7 +131,7 @@ def main() -> None:
         for task, seed in ((task, seed) for task in arguments.only for seed in seeds):
             words = ("translate", trained[task], "--split", "all", "--context-seed", seed, "--workers", 1, *preset)
             ifo(*words, out=folder / f"{task}-c{seed}.translation.h5")
-        jobs = [(task, method, seed) for task in arguments.only for method in METHODS for seed in seeds]
+        jobs = [(task, method, seed) for method in arguments.methods for task in arguments.only for seed in seeds]
         list(pool.map(lambda job: learn(*job, preset), jobs))
     if arguments.toy:
         return

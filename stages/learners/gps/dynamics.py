@@ -3,11 +3,11 @@
 x_{t+1} ~ N(F_t [x_t; u_t] + f_t, S_t). Ten rollouts say too little about some dozen dimensions at one time step; but
 what the robot does at one time resembles what it does at others. So a mixture over (x, u, x') of all time steps and of
 the last iterations gives each time step a normal-inverse-Wishart prior (Levine et al. 2016, Sec. 5.3 and appendix A.3).
-Its covariance is added to that of the rollouts about their own mean, which is better known than any prior's.
 
-That is not enough. With images in the state, dynamics so fitted foretell the next iteration's frames worse than "as
-they were in this one" does: slopes are steep where hardly anything varied. So two things more: the rollouts' spread a
-few time steps before and after counts as well, and slopes are shrunk towards "nothing changes" (results/LOG.md).
+That is not enough where images are in the state: dynamics so fitted foretell the next iteration's frames worse than "as
+they were in this one" does, for slopes are steep where hardly anything varied. There the rollouts' spread a few time
+steps before and after counts as well, and slopes are shrunk towards "nothing changes". Where the state is some few
+numbers, such as where a can is, that blurs when it is touched, and does harm (results/LOG.md).
 """
 
 from __future__ import annotations
@@ -53,16 +53,17 @@ def fit_prior(points: np.ndarray, rng: np.random.Generator, start: Mixture | Non
     return fit_mixture(flat, clusters, rng, start)[0]
 
 
-def fit_dynamics(states: np.ndarray, actions: np.ndarray, prior: Mixture | None = None, period: int = 1) -> Dynamics:
+def fit_dynamics(
+    states: np.ndarray, actions: np.ndarray, prior: Mixture | None = None, period: int | None = None
+) -> Dynamics:
     """Fit the dynamics of each time step to N rollouts.
-
-    With a prior, neighbours in time count, too, and slopes of x_{t+1} - x_t are shrunk (ridge regression).
 
     Args:
         states: (N, T + 1, dx).
         actions: (N, T, du).
-        prior: Mixture over (x, u, x'); None: regression on each time step alone, without a prior.
-        period: Control steps from one frame to the next: neighbours are those at the same place between two.
+        prior: Mixture over (x, u, x'); None: regression without a prior.
+        period: Control steps from one frame to the next, of states with images: neighbours in time, at the same place
+            between two frames, count as well, and slopes of x_{t+1} - x_t are shrunk.
     """
     points = transitions(states, actions)
     count, steps, both = points.shape
@@ -71,24 +72,24 @@ def fit_dynamics(states: np.ndarray, actions: np.ndarray, prior: Mixture | None 
     jitter = np.diag(JITTER * (points.reshape(-1, both).var(axis=0) + 1e-6))
     means = points.mean(axis=0)
     apart = (points - means).swapaxes(0, 1)
-    scatters = apart.swapaxes(1, 2) @ apart
-    counts = np.full(steps, float(count))
-    if prior is not None:
+    scatters, counts = apart.swapaxes(1, 2) @ apart, np.full(steps, float(count))
+    if period is not None:
         shares = neighbours(steps, period)
-        scatters = np.einsum("ts,sij->tij", shares, scatters)
-        counts = shares.sum(axis=1) * count
+        scatters, counts = np.einsum("ts,sij->tij", shares, scatters), shares.sum(axis=1) * count
+    shrunk = 0.0 if period is None else RIDGE
     change = np.eye(both)
     change[given:, :size] -= np.eye(size)  # (x, u, x') -> (x, u, x' - x)
     transition = np.empty((steps, size, given))
     offset, noise = np.empty((steps, size)), np.empty((steps, size, size))
     for t in range(steps):
-        if prior is None:
-            covariance = scatters[t] / count + jitter
-            shrunk = 0.0
-        else:
-            _, prior_covariance = prior.moments(points[:, t])
-            covariance = (scatters[t] + STRENGTH * prior_covariance) / (counts[t] + STRENGTH) + jitter
-            shrunk = RIDGE
+        scatter, total = scatters[t], counts[t]
+        if prior is not None:
+            prior_mean, prior_covariance = prior.moments(points[:, t])
+            scatter, total = scatter + STRENGTH * prior_covariance, total + STRENGTH
+            if period is None:
+                between = means[t] - prior_mean
+                scatter = scatter + count * STRENGTH / (count + STRENGTH) * np.outer(between, between)
+        covariance = scatter / total + jitter
         changes = change @ covariance @ change.T
         known = changes[:given, :given]
         slope = np.linalg.solve(known + shrunk * np.diag(np.diag(known)), changes[:given, given:]).T

@@ -76,7 +76,7 @@ def iterate(
     kl: float,
     rng: np.random.Generator,
     least_std: float = 0.0,
-    period: int = 1,
+    period: int | None = None,
 ) -> tuple[Search, Improvement]:
     """Learn from rollouts of `search.controller`.
 
@@ -88,7 +88,7 @@ def iterate(
         kl: Bound on the KL divergence of an update, a control step, nats; adapted on the way.
         rng: Starts the mixture.
         least_std: Of the next controller's actions, whatever the update makes of it.
-        period: Control steps from one frame to the next.
+        period: Control steps from one frame to the next, of states with images.
     """
     if len(search.states):
         remembered = np.concatenate([search.states, states])[-REMEMBERED:]

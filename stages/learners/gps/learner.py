@@ -22,6 +22,7 @@ from stages.learners.gps.gmm import Mixture
 from stages.learners.gps.gps import Improvement, Search, iterate
 from stages.learners.gps.lqr import QuadraticCost, on_part
 from stages.rewards.base import TrackingReward
+from stages.rewards.frames import FrameReward
 from stages.seeding import generator
 from stages.simulation.task import State, Task
 
@@ -79,6 +80,7 @@ class GuidedPolicySearch:
         self._cost = QuadraticCost.tracking(self._size + tracked, reward.targets, reward.cost_weights, penalty)
         self.own = LinearGaussianController.constant(steps, self._size, env.task.action_size, std)
         self.last: Improvement | None = None
+        self._period = env.task.frame_every if isinstance(reward, FrameReward) else None
         self._iterations = 0
         self._fresh = False
 
@@ -94,7 +96,7 @@ class GuidedPolicySearch:
         left = max(1 - (self._iterations + 1) / self._config.iterations, 0)
         least_std = EXPLORATION * left * float(np.exp(self._config.log_std))
         self._search, self.last = iterate(
-            self._search, states, actions, self._cost, self._config.kl, rng, least_std, self.env.task.frame_every
+            self._search, states, actions, self._cost, self._config.kl, rng, least_std, self._period
         )
         self.own = on_part(self.controller, self.last.marginals, self._size)
         self._iterations += 1

@@ -93,7 +93,7 @@ def test_what_few_rollouts_foretell_is_nearer_than_that_nothing_changes(mass, ro
         rng = np.random.default_rng(seed)
         states, actions = simulated(mass, roll, 12, seed)
         states = unrelated(states, rng, 20)
-        fitted = fit_dynamics(states, actions, fit_prior(transitions(states, actions), rng))
+        fitted = fit_dynamics(states, actions, fit_prior(transitions(states, actions), rng), period=1)
         other = LinearGaussianController.constant(12, 4, 2, 0.3)
         other.offsets[:] = 0.5
         later, done = roll(mass, other, 0.1 * rng.standard_normal((12, 4)), rng)
