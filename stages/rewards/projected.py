@@ -5,8 +5,8 @@ dozen rollouts. So both terms of the reward, R_feat + w_rec R_img, are written a
 of features, pixels and blurred pixels, each divided by the root of its scale. Principal components of the translated
 demonstrations reduce these to `MOST` numbers at most, or to as few as hold `KEPT` of their variance. What robot and
 target differ in beyond those is one number more, its length, whose target is zero: objects that lie where no
-demonstration ever left one are seen by it alone. So the cost is the whole reward. With `--without img` the vector is
-the features alone, as in the paper.
+demonstration ever left one are seen by it alone. It weighs less (`BEYOND`): far from the target, all sharp pixels lie
+there. With `--without img` the vector is the features alone, as in the paper.
 
 Between two frames the numbers stay those of the frame last drawn, and cost nothing.
 """
@@ -29,6 +29,7 @@ from stages.translation.networks import to_images
 
 MOST = 32  # components at most
 KEPT = 0.999  # of the variance of the translations and their mean: with .99, 5 components, reach ends farther off
+BEYOND = 0.25  # weight of what is beyond the components: pushing is better off with little, sweeping with much
 TRANSLATIONS = 32  # of them at most, whose frames the components are those of
 
 Embedding = Callable[[Tensor, Tensor], Tensor]
@@ -85,7 +86,7 @@ class ProjectedTrackingReward(FrameReward):
             return seen
         apart = embeddings - self._embedded_target[frame]
         inside = np.square(apart @ self._basis).sum(axis=1)
-        beyond = np.sqrt(np.maximum(np.square(apart).sum(axis=1) - inside, 0))
+        beyond = BEYOND**0.5 * np.sqrt(np.maximum(np.square(apart).sum(axis=1) - inside, 0))
         return np.concatenate([seen, beyond[:, None]], axis=1)
 
     def judge(self, frame: int, drawn: np.ndarray) -> np.ndarray:

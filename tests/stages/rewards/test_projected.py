@@ -76,7 +76,8 @@ def test_distances_of_embeddings_are_the_reward(squares, without, blur):
     np.testing.assert_allclose(-apart.numpy(), sum(reward.values()), rtol=1e-3)
 
 
-def test_what_no_demonstration_showed_costs_as_much(stage, squares):
+def test_what_no_demonstration_showed_costs_as_much_as_it_weighs(stage, squares, monkeypatch):
+    monkeypatch.setattr(projected, "BEYOND", 1.0)
     reward, videos, target = made(stage, squares)
     shown = videos[:2].copy()
     shown[:, :, :3, :3] = 255  # where the square never is
@@ -87,3 +88,7 @@ def test_what_no_demonstration_showed_costs_as_much(stage, squares):
     np.testing.assert_allclose(first, -apart[0][:, 1:].sum(axis=(1, 2)))
     np.testing.assert_allclose(second, -apart[1][:, 1:].sum(axis=(1, 2)))
     assert (second < first - 5).all()
+    monkeypatch.setattr(projected, "BEYOND", 0.25)
+    lighter, _, _ = made(stage, squares)
+    saved = second - stage.perform(lighter, shown).sum(axis=1)
+    assert (saved < 0.7 * (second - first)).all() and (saved > 0.8 * (second - first)).all()
