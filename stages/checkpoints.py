@@ -23,7 +23,7 @@ class Checkpoints:
     def __init__(self, run: RunOptions, out: Path, stage: str, config: dict[str, Any], parents: list[Path]):
         self._run, self._out, self._stage, self._config, self._parents = run, out, stage, config, parents
         self._path = checkpoint_path(out)
-        self._ours = False
+        self._others = _identity(self._path)
 
     def start(self) -> Any:
         """The state to continue from: that of the checkpoint if `run.resume` and there is one, else None.
@@ -47,7 +47,7 @@ class Checkpoints:
             raise UsageError(
                 f"--resume: {self._path} was written with another {', '.join(other)}; give the same, or start anew"
             )
-        self._ours = True
+        self._others = None
         self._run.progress.say(f"resuming {self._out.name} from {self._path.name}")
         return state
 
@@ -62,11 +62,11 @@ class Checkpoints:
             command=self._run.command,
             parents=self._parents,
         )
-        self._ours = True
 
     def interrupted(self, done: str) -> Interrupted:
         """What to raise after a keyboard interrupt; `done` says how far the stage was."""
-        if not self._ours:
+        # By what is on the disk: the interrupt may have come between writing the checkpoint and saying so.
+        if _identity(self._path) in (None, self._others):
             return Interrupted(f"interrupted after {done}; there is no checkpoint yet")
         again = self._run.command if self._run.resume else f"{self._run.command} --resume"
         return Interrupted(f"interrupted after {done}; kept {self._path}; continue with: {again}")
@@ -74,3 +74,12 @@ class Checkpoints:
     def remove(self) -> None:
         """Remove the checkpoint: the artifact is written."""
         remove_checkpoint(self._out)
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """What tells a file from one that replaces it; None: there is none."""
+    try:
+        found = path.stat()
+    except FileNotFoundError:
+        return None
+    return found.st_ino, found.st_mtime_ns
