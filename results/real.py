@@ -29,7 +29,7 @@ from stages.statistics import wilson
 HERE = Path(os.path.relpath(Path(__file__).parent))
 REAL, EVALUATIONS = Path("runs/real"), HERE / "real"
 CONTEXTS = 5
-ROLLOUTS = ("--iterations", 25, "--episodes", 20)
+ROLLOUTS = ("--iterations", 50, "--episodes", 10)
 # Options; "": of all tasks without their own. A mirrored ladle tips to the other side.
 TRANSLATOR: dict[str, tuple[object, ...]] = {
     "": ("--augment", "--no-swap-colours", "--mirror"),

@@ -183,6 +183,12 @@ class PolicyConfig(LearnerConfig):
         low=0,
         high=100,
     )
+    fine_blur: float = option(
+        0.0,
+        "With --learner gps, the blur from a third of the iterations on, when the target is near (0: --blur, always).",
+        low=0,
+        high=100,
+    )
     negatives: int = option(
         0, "Tune the features on the learner's own frames every this many iterations (0: never).", low=0
     )

@@ -67,7 +67,7 @@ def make_reward(
             from stages.rewards.projected import ProjectedTrackingReward
 
             tracked = embedded_track(network, videos[:EXAMPLES], target, device)
-            return ProjectedTrackingReward(task, contexts, pool(), *tracked, ramp, COMPONENTS, whole=False)
+            return ProjectedTrackingReward(task, contexts, pool(), *tracked, ramp, COMPONENTS, beyond=0)
         return PretrainedReward(task, contexts, pool(), network, target, ramp, device)
     return _translation(config, task, source, contexts, pool, seed, device, ramp)
 
@@ -92,10 +92,12 @@ def _translation(
             f"{source.path} holds no video of the expert in this context, expected one for --reward video; "
             "translate again where the demonstrations' expert is at hand"
         )
-    target = TrackingTarget.of(source, config.blur, device, expert=config.reward == "video")
+    expert = config.reward == "video"
+    target = TrackingTarget.of(source, config.blur, device, expert)
     model = load_translator(source.parent("translator", check=True), device)
     if config.learner == "gps":
-        return _projected(config, task, source, contexts, pool(), model, target, ramp)
+        fine = TrackingTarget.of(source, config.fine_blur, device, expert) if config.fine_blur else None
+        return _projected(config, task, source, contexts, pool(), model, (target, fine), ramp)
     tuning = None
     if config.negatives:
         tuning = NegativeTuning(model, target, source["images"], config.negatives, seed, device)
@@ -111,24 +113,34 @@ def _projected(
     contexts: Contexts,
     pool: RenderPool,
     model: Translator,
-    target: TrackingTarget,
+    targets: tuple[TrackingTarget, TrackingTarget | None],
     ramp: str,
 ) -> Any:
-    """The tracking as a squared distance of some few numbers, for guided policy search."""
+    """The tracking as a squared distance of some few numbers, for guided policy search.
+
+    Args:
+        targets: The coarse target, and the fine one, if there is one; without images there is nothing to blur.
+    """
     import torch
 
-    from stages.rewards.projected import ProjectedTrackingReward, embedded_translations, embedding
+    from stages.rewards.projected import BEYOND, ProjectedTrackingReward, embedded_translations, embedding
     from stages.translation.networks import to_images
 
-    embed = embedding(target, config.without, config.image_weight)
-    goal, examples = embedded_translations(source, embed, target)
+    def track(target: TrackingTarget, beyond: float, finer: ProjectedTrackingReward | None) -> ProjectedTrackingReward:
+        embed = embedding(target, config.without, config.image_weight)
+        goal, examples = embedded_translations(source, embed, target)
 
-    @torch.no_grad()
-    def see(frames: np.ndarray) -> np.ndarray:
-        images = to_images(torch.from_numpy(frames).to(target.features.device))
-        return embed(model.encode(images), images).double().cpu().numpy()
+        @torch.no_grad()
+        def see(frames: np.ndarray) -> np.ndarray:
+            images = to_images(torch.from_numpy(frames).to(target.features.device))
+            return embed(model.encode(images), images).double().cpu().numpy()
 
-    return ProjectedTrackingReward(task, contexts, pool, see, goal, examples, ramp)
+        return ProjectedTrackingReward(task, contexts, pool, see, goal, examples, ramp, beyond=beyond, finer=finer)
+
+    coarse, fine = targets
+    if "img" in config.without:
+        return track(coarse, 0.0, None)
+    return track(coarse, BEYOND, None if fine is None else track(fine, 1.0, None))
 
 
 def _adversarial(

@@ -117,5 +117,5 @@ def defaults(preset: str, stage: str, task: str = "", choice: str = "") -> Any:
     if choice in LOCAL_LEARNERS and task in HOUSEHOLD:
         config = replace(config, log_std=-1.2)  # Seven joints that all tremble move a tool far.
         if preset != "paper":  # Early frames and wide blurs lead to where the tool is to go (results/LOG.md).
-            config = replace(config, blur=8.0, ramp="none")
+            config = replace(config, blur=8.0, fine_blur=3.0, ramp="none")
     return config

@@ -47,10 +47,12 @@ class TrackingReward(Reward, Protocol):
     Attributes:
         targets: z*_t (control steps + 1, m).
         cost_weights: w_t (control steps + 1,).
+        finer: What to track in its place once that is nearly reached; None: nothing else.
     """
 
     targets: np.ndarray
     cost_weights: np.ndarray
+    finer: TrackingReward | None
 
     def tracked(self, step: int, state: State, contexts: Contexts) -> np.ndarray:
         """z_t (n, m) of `state`, the state after `step` control steps; behind step 0 the reward was called before."""

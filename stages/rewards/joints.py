@@ -28,6 +28,7 @@ class JointsReward(StateReward):
         self._target = demonstration[:, self._driven]
         self._scale = max(float(np.square(self._target - self._target[0]).sum()), 1e-6)
         self._weights = time_weights(ramp, task.frames)
+        self.finer = None
         self.targets, self.cost_weights = tracking_cost(task, self._target, self._weights / self._scale)
 
     def reward(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:

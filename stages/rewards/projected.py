@@ -5,8 +5,9 @@ dozen rollouts. So both terms of the reward, R_feat + w_rec R_img, are written a
 of features, pixels and blurred pixels, each divided by the root of its scale. Principal components of the translated
 demonstrations reduce these to `MOST` numbers at most, or to as few as hold `KEPT` of their variance. What robot and
 target differ in beyond those is one number more, its length, whose target is zero: objects that lie where no
-demonstration ever left one are seen by it alone. It weighs less (`BEYOND`): far from the target, all sharp pixels lie
-there. With `--without img` the vector is the features alone, as in the paper.
+demonstration ever left one are seen by it alone. Far from the target, all sharp pixels lie there, and lead nowhere: so
+it weighs less (`BEYOND`) as long as a wide blur leads to the target, and in full, with a narrower blur, once the
+learner has come near (`finer`). With `--without img` the vector is the features' components alone, as in the paper.
 
 Between two frames the numbers stay those of the frame last drawn, and cost nothing.
 """
@@ -29,7 +30,7 @@ from stages.translation.networks import to_images
 
 MOST = 32  # components at most
 KEPT = 0.999  # of the variance of the translations and their mean: with .99, 5 components, reach ends farther off
-BEYOND = 0.25  # weight of what is beyond the components: pushing is better off with little, sweeping with much
+BEYOND = 0.25  # weight of what is beyond the components while the learner is far off
 TRANSLATIONS = 32  # of them at most, whose frames the components are those of
 
 Embedding = Callable[[Tensor, Tensor], Tensor]
@@ -41,6 +42,7 @@ class ProjectedTrackingReward(FrameReward):
     Attributes:
         targets: z* of the frame last drawn, at every control step (control steps + 1, m).
         cost_weights: Twice w_j at control steps that a frame shows but the first, else 0 (control steps + 1,).
+        finer: What to track once the target is near, or None.
         components: How many of z are components.
     """
 
@@ -54,7 +56,8 @@ class ProjectedTrackingReward(FrameReward):
         examples: np.ndarray,
         ramp: str = "none",
         most: int = MOST,
-        whole: bool = True,
+        beyond: float = BEYOND,
+        finer: ProjectedTrackingReward | None = None,
     ):
         """Track `target` in `context` (leading axis 1).
 
@@ -67,13 +70,14 @@ class ProjectedTrackingReward(FrameReward):
             examples: Embeddings (M, E), whose principal components z is made of.
             ramp: `quadratic` weights frame j by j^2, scaled to a mean of one.
             most: Components at most.
-            whole: Track how far the embedding is from the target's beyond the components, too.
+            beyond: Weight of how far the embedding is from the target's beyond the components; 0: it is not tracked.
+            finer: What to track once the target is near.
         """
         super().__init__(task, context, pool)
         self._embed = embed
         self._centre, self._basis = principal_components(np.concatenate([examples, target]), most)
         self._frame_weights = time_weights(ramp, task.frames)
-        self._embedded_target, self._whole = target, whole
+        self._embedded_target, self._beyond, self.finer = target, beyond, finer
         self._frame_targets = np.stack([self._project(each[None], j)[0] for j, each in enumerate(target)])
         self.components = self._basis.shape[1]
         self.targets, self.cost_weights = tracking_cost(task, self._frame_targets, self._frame_weights)
@@ -82,11 +86,11 @@ class ProjectedTrackingReward(FrameReward):
     def _project(self, embeddings: np.ndarray, frame: int) -> np.ndarray:
         """z (n, m) of embeddings (n, E) of frame `frame`."""
         seen = (embeddings - self._centre) @ self._basis
-        if not self._whole:
+        if not self._beyond:
             return seen
         apart = embeddings - self._embedded_target[frame]
         inside = np.square(apart @ self._basis).sum(axis=1)
-        beyond = BEYOND**0.5 * np.sqrt(np.maximum(np.square(apart).sum(axis=1) - inside, 0))
+        beyond = self._beyond**0.5 * np.sqrt(np.maximum(np.square(apart).sum(axis=1) - inside, 0))
         return np.concatenate([seen, beyond[:, None]], axis=1)
 
     def judge(self, frame: int, drawn: np.ndarray) -> np.ndarray:

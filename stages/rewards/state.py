@@ -90,6 +90,7 @@ class GoalReward(OracleReward):
         super().__init__(task)
         start = BatchSimulation(task, 1, 1).reset(*task.context_state(contexts))
         error = task.goal_error(start, contexts)
+        self.finer = None
         self.targets = np.zeros((task.control_steps + 1, error.shape[1]))
         self.cost_weights = np.full(task.control_steps + 1, 1 / max(float(np.square(error).sum()), 1e-12))
 

@@ -69,6 +69,11 @@ class LinearGaussianController:
         scaled = directions * np.maximum(variances, least**2)[:, None]
         return replace(self, covariances=scaled @ directions.swapaxes(1, 2))
 
+    def lifted(self, state_size: int) -> LinearGaussianController:
+        """The controller of states with more entries behind its own, which it does not heed."""
+        more = state_size - self.gains.shape[2]
+        return replace(self, gains=np.pad(self.gains, ((0, 0), (0, 0), (0, more))))
+
     def std(self) -> float:
         """Mean standard deviation of the actions."""
         return float(np.sqrt(np.diagonal(self.covariances, axis1=1, axis2=2)).mean())

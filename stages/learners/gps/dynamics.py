@@ -12,6 +12,7 @@ numbers, such as where a can is, that blurs when it is touched, and does harm (r
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,7 @@ POINTS_A_CLUSTER = 40  # at least, on average
 STRENGTH = 1.0  # rollouts that the prior counts as
 NEIGHBOURS, NEARNESS = 2, 0.7  # time steps to either side that count, and how much one counts beside the one before
 RIDGE = 0.1  # of a regressor's variance, added to it
+RECALL = 0.6  # how much an iteration's rollouts count beside those of the one after it
 JITTER = 1e-6  # of the pooled variance, added to every variance
 
 
@@ -54,7 +56,11 @@ def fit_prior(points: np.ndarray, rng: np.random.Generator, start: Mixture | Non
 
 
 def fit_dynamics(
-    states: np.ndarray, actions: np.ndarray, prior: Mixture | None = None, period: int | None = None
+    states: np.ndarray,
+    actions: np.ndarray,
+    prior: Mixture | None = None,
+    period: int | None = None,
+    earlier: Sequence[np.ndarray] = (),
 ) -> Dynamics:
     """Fit the dynamics of each time step to N rollouts.
 
@@ -64,6 +70,7 @@ def fit_dynamics(
         prior: Mixture over (x, u, x'); None: regression without a prior.
         period: Control steps from one frame to the next, of states with images: neighbours in time, at the same place
             between two frames, count as well, and slopes of x_{t+1} - x_t are shrunk.
+        earlier: Transitions (M, T, 2 dx + du) of earlier iterations' rollouts, the newest iteration first.
     """
     points = transitions(states, actions)
     count, steps, both = points.shape
@@ -71,11 +78,17 @@ def fit_dynamics(
     given = both - size  # dimensions of (x, u)
     jitter = np.diag(JITTER * (points.reshape(-1, both).var(axis=0) + 1e-6))
     means = points.mean(axis=0)
-    apart = (points - means).swapaxes(0, 1)
-    scatters, counts = apart.swapaxes(1, 2) @ apart, np.full(steps, float(count))
+    scatters, counts = np.zeros((steps, both, both)), np.zeros(steps)
+    spread = points.var(axis=0) + np.diag(jitter)
+    for age, recalled in enumerate((points, *earlier)):
+        apart = (recalled - means).swapaxes(0, 1)
+        far = (np.square(apart).mean(axis=1) / spread).mean(axis=1)  # how far, over the present rollouts' spread
+        weight = RECALL**age * np.minimum(1 / far, 1)
+        scatters += weight[:, None, None] * (apart.swapaxes(1, 2) @ apart)
+        counts += weight * len(recalled)
     if period is not None:
         shares = neighbours(steps, period)
-        scatters, counts = np.einsum("ts,sij->tij", shares, scatters), shares.sum(axis=1) * count
+        scatters, counts = np.einsum("ts,sij->tij", shares, scatters), shares @ counts
     shrunk = 0.0 if period is None else RIDGE
     change = np.eye(both)
     change[given:, :size] -= np.eye(size)  # (x, u, x') -> (x, u, x' - x)

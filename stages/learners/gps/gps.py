@@ -90,13 +90,16 @@ def iterate(
         least_std: Of the next controller's actions, whatever the update makes of it.
         period: Control steps from one frame to the next, of states with images.
     """
+    earlier: list[np.ndarray] = []
     if len(search.states):
+        past = transitions(search.states, search.actions)
+        earlier = [past[max(end - len(states), 0) : end] for end in range(len(past), 0, -len(states))]
         remembered = np.concatenate([search.states, states])[-REMEMBERED:]
         done = np.concatenate([search.actions, actions])[-REMEMBERED:]
     else:
         remembered, done = states, actions
     mixture = fit_prior(transitions(remembered, done), rng, search.mixture)
-    dynamics = fit_dynamics(states, actions, mixture, period)
+    dynamics = fit_dynamics(states, actions, mixture, period, earlier)
     mean = states[:, 0].mean(axis=0)
     apart = states[:, 0] - mean
     covariance = apart.T @ apart / len(states) + LEAST_VARIANCE * np.eye(len(mean))

@@ -33,6 +33,7 @@ ACTION_COST = 0.2
 # Least standard deviation of actions over the first one, falling to none in the last iteration: an update that sees no
 # way to move an object leaves hardly any noise, and then none is found.
 EXPLORATION = 0.5
+REFINED = 1 / 3  # of the iterations, after which what is finer is tracked
 
 
 class GuidedPolicySearch:
@@ -76,12 +77,13 @@ class GuidedPolicySearch:
         std = float(np.exp(config.log_std))
         first = LinearGaussianController.constant(steps, self._size + tracked, env.task.action_size, std)
         self._search = Search(first)
-        penalty = ACTION_COST * self._standing_still() * np.eye(env.task.action_size)
-        self._cost = QuadraticCost.tracking(self._size + tracked, reward.targets, reward.cost_weights, penalty)
+        self._penalty = ACTION_COST * self._standing_still() * np.eye(env.task.action_size)
+        self._cost = self._tracking()
         self.own = LinearGaussianController.constant(steps, self._size, env.task.action_size, std)
         self.last: Improvement | None = None
         self._period = env.task.frame_every if isinstance(reward, FrameReward) else None
         self._iterations = 0
+        self._refined = -1 if reward.finer is None else max(int(REFINED * config.iterations), 1)
         self._fresh = False
 
     @property
@@ -91,6 +93,8 @@ class GuidedPolicySearch:
 
     def learn(self, total_timesteps: int, reset_num_timesteps: bool = False) -> GuidedPolicySearch:
         """One episode of every simulation, and one update; named and called as Stable-Baselines3's."""
+        if self._iterations == self._refined:
+            self._refine()
         rng = generator(self._seed, "gps", self._iterations)
         states, actions = self.rollouts(rng)
         left = max(1 - (self._iterations + 1) / self._config.iterations, 0)
@@ -116,6 +120,22 @@ class GuidedPolicySearch:
             _, _, done, _ = env.step(actions[-1])
             states.append(self._state(step + 1, env.final if done[0] else env.state))
         return np.stack(states, axis=1), np.stack(actions, axis=1)
+
+    def _tracking(self) -> QuadraticCost:
+        """The cost, in what the reward tracks now."""
+        targets, weights = self._reward.targets, self._reward.cost_weights
+        return QuadraticCost.tracking(self._size + targets.shape[1], targets, weights, self._penalty)
+
+    def _refine(self) -> None:
+        """Go on with the reward's finer target, from the controller on the robot's own observation.
+
+        What is known of the dynamics goes: the numbers of images are others now.
+        """
+        assert self._reward.finer is not None
+        self._reward = self.env.reward = self._reward.finer
+        self._cost = self._tracking()
+        std = EXPLORATION * (1 - self._iterations / self._config.iterations) * float(np.exp(self._config.log_std))
+        self._search = Search(self.own.lifted(self._size + self._reward.targets.shape[1]).widened(std))
 
     def _standing_still(self) -> float:
         """What it costs a control step to stay where the environment has just begun."""
@@ -146,6 +166,8 @@ class GuidedPolicySearch:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Put `state` back, bit for bit."""
+        if 0 < self._refined < state["iterations"]:
+            self._refine()
         self._search = replace(
             self._search,
             controller=LinearGaussianController(**state["controller"]),

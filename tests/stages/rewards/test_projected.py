@@ -17,12 +17,12 @@ def flat(frames):
     return frames.reshape(len(frames), -1) / 255.0
 
 
-def made(stage, squares, ramp="none"):
+def made(stage, squares, ramp="none", **options):
     """A reward that tracks the mean of some videos of a moving square, and those videos."""
     videos = squares(row=4)
     examples = flat(videos.reshape(-1, *videos.shape[2:]))
     target = flat(videos.mean(axis=0))
-    return ProjectedTrackingReward(stage.task, {}, stage.pool, flat, target, examples, ramp), videos, target
+    return ProjectedTrackingReward(stage.task, {}, stage.pool, flat, target, examples, ramp, **options), videos, target
 
 
 @pytest.mark.parametrize("ramp", ["none", "quadratic"])
@@ -76,9 +76,8 @@ def test_distances_of_embeddings_are_the_reward(squares, without, blur):
     np.testing.assert_allclose(-apart.numpy(), sum(reward.values()), rtol=1e-3)
 
 
-def test_what_no_demonstration_showed_costs_as_much_as_it_weighs(stage, squares, monkeypatch):
-    monkeypatch.setattr(projected, "BEYOND", 1.0)
-    reward, videos, target = made(stage, squares)
+def test_what_no_demonstration_showed_costs_as_much_as_it_weighs(stage, squares):
+    reward, videos, target = made(stage, squares, beyond=1.0)
     shown = videos[:2].copy()
     shown[:, :, :3, :3] = 255  # where the square never is
     first, second = (stage.perform(reward, each).sum(axis=1) for each in (videos[:2], shown))
@@ -88,7 +87,10 @@ def test_what_no_demonstration_showed_costs_as_much_as_it_weighs(stage, squares,
     np.testing.assert_allclose(first, -apart[0][:, 1:].sum(axis=(1, 2)))
     np.testing.assert_allclose(second, -apart[1][:, 1:].sum(axis=(1, 2)))
     assert (second < first - 5).all()
-    monkeypatch.setattr(projected, "BEYOND", 0.25)
-    lighter, _, _ = made(stage, squares)
+    lighter, _, _ = made(stage, squares, beyond=0.25)
     saved = second - stage.perform(lighter, shown).sum(axis=1)
     assert (saved < 0.7 * (second - first)).all() and (saved > 0.8 * (second - first)).all()
+    blind, _, _ = made(stage, squares, beyond=0)
+    assert blind.targets.shape[1] == blind.components == lighter.targets.shape[1] - 1
+    seen = stage.perform(blind, videos[:2]).sum(axis=1) - stage.perform(blind, shown).sum(axis=1)
+    assert (seen < 0.1 * (first - second)).all()

@@ -1,5 +1,7 @@
 """The mixture finds what made its points, and the regression the dynamics, from few rollouts by the mixture's help."""
 
+import dataclasses
+
 import numpy as np
 
 from stages.learners.gps.controller import LinearGaussianController
@@ -99,6 +101,22 @@ def test_neighbours_and_shrunk_slopes_help_where_the_state_has_many_numbers_more
             wrong = np.abs(slopes[:, :, :4] - mass.transition[:, :, :4]).mean()
             errors.append(wrong + np.abs(slopes[:, :, 4:-2]).mean())
         assert errors[1] < 0.5 * errors[0]
+
+
+def test_earlier_rollouts_help_and_move_nothing_that_is_foretold_of_the_present_mean(mass, roll):
+    for seed in range(5):
+        states, actions = simulated(mass, roll, 4, seed)
+        moved = LinearGaussianController.constant(12, 4, 2, 0.5)
+        moved = dataclasses.replace(moved, offsets=moved.offsets + 0.3)
+        rng = np.random.default_rng(seed + 100)
+        old = [transitions(*roll(mass, moved, 0.1 * rng.standard_normal((4, 4)), rng)) for _ in range(3)]
+        prior = fit_prior(transitions(states, actions), rng)
+        fits = [fit_dynamics(states, actions, prior, None, earlier) for earlier in ((), old)]
+        errors = [np.abs(fit.transition - mass.transition).mean() for fit in fits]
+        assert errors[1] < 0.8 * errors[0]
+        points = transitions(states, actions).mean(axis=0)
+        after = np.einsum("tij,tj->ti", fits[1].transition, points[:, :-4]) + fits[1].offset
+        np.testing.assert_allclose(after, points[:, -4:], atol=1e-9)
 
 
 def test_noise_is_what_the_dynamics_leave_over(mass, roll):

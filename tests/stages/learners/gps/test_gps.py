@@ -199,6 +199,56 @@ def test_a_restored_learner_goes_on_bit_for_bit():
             np.testing.assert_array_equal(values, other.arrays()[name], err_msg=name)
 
 
+class Coarse(GoalReward):
+    """The distance to the goal, of which the last coordinate counts only once the target is refined."""
+
+    def __init__(self, task, contexts):
+        super().__init__(task, contexts)
+        self.finer = GoalReward(task, contexts)
+        self.targets = self.targets[:, :-1]
+
+    def tracked(self, step, state, contexts):
+        return super().tracked(step, state, contexts)[:, :-1]
+
+
+def test_the_finer_target_is_tracked_after_a_third_of_the_iterations():
+    task = Reach()
+    reward = Coarse(task, context_of(task))
+    config = dataclasses.replace(SMALL, iterations=6)
+    env = environment(config, task, reward)
+    model = make_learner(config, env, 4)
+    for _ in range(2):
+        model.learn(0)
+    coarse, own = model.controller.gains.shape[2], model.own
+    assert env.reward is reward
+    seen = []
+    rollouts = model.rollouts
+    model.rollouts = lambda rng: seen.append(model.controller) or rollouts(rng)
+    model.learn(0)
+    assert env.reward is reward.finer
+    assert model.controller.gains.shape[2] == coarse + 1
+    np.testing.assert_array_equal(seen[0].gains[:, :, : own.gains.shape[2]], own.gains)
+    assert not seen[0].gains[:, :, own.gains.shape[2] :].any(), "what it saw before is not what it sees now"
+    np.testing.assert_array_equal(seen[0].offsets, own.offsets)
+
+
+@pytest.mark.parametrize("done", [1, 2, 3])
+def test_a_learner_restored_before_or_behind_the_refinement_goes_on_bit_for_bit(done):
+    task, config = Reach(), dataclasses.replace(SMALL, iterations=6)
+    whole, begun, resumed = (
+        make_learner(config, environment(config, task, Coarse(task, context_of(task))), 4) for _ in range(3)
+    )
+    for model, times in ((whole, 4), (begun, done)):
+        for _ in range(times):
+            model.learn(0)
+    restore_learner(resumed, unpack(*pack(learner_state(begun))))
+    for _ in range(4 - done):
+        resumed.learn(0)
+    for one, other in ((whole.own, resumed.own), (whole.controller, resumed.controller)):
+        for name, values in one.arrays().items():
+            np.testing.assert_array_equal(values, other.arrays()[name], err_msg=name)
+
+
 def test_an_interrupted_run_resumes_from_its_checkpoint_with_the_same_curve(tmp_path):
     def learn(env, name):
         out = tmp_path / f"{name}.policy.h5"
@@ -283,6 +333,7 @@ def test_a_learner_has_its_own_defaults():
     assert (gps.iterations, gps.episodes, gps.image_weight) == (20, 10, 8.0)
     assert defaults("toy", "learn-policy", "reach", "gps").episodes == 5
     household = defaults("quick", "learn-policy", "sweep-paper", "gps")
-    assert (household.ramp, household.blur) == ("none", 8.0)
+    assert (household.ramp, household.blur, household.fine_blur) == ("none", 8.0, 3.0)
+    assert gps.fine_blur == 0
     assert defaults("quick", "learn-policy", "sweep-paper").ramp == "task", "TRPO has the usual ones"
     assert defaults("paper", "learn-policy", "sweep-paper", "gps").blur == 0, "as the paper has it"
