@@ -117,5 +117,6 @@ def defaults(preset: str, stage: str, task: str = "", choice: str = "") -> Any:
     if choice in LOCAL_LEARNERS and task in HOUSEHOLD:
         config = replace(config, log_std=-1.2)  # Seven joints that all tremble move a tool far.
         if preset != "paper":  # Early frames and wide blurs lead to where the tool is to go (results/LOG.md).
-            config = replace(config, blur=8.0, fine_blur=3.0, ramp="none")
+            fine = 0.0 if task == "push-real" else 3.0  # One large can is seen well enough under a wide blur.
+            config = replace(config, blur=8.0, fine_blur=fine, ramp="none")
     return config
