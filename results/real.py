@@ -30,10 +30,6 @@ HERE = Path(os.path.relpath(Path(__file__).parent))
 REAL, EVALUATIONS = Path("runs/real"), HERE / "real"
 CONTEXTS = 5
 # Options; "": of all tasks without their own. A mirrored ladle tips to the other side.
-ROLLOUTS: dict[str, tuple[object, ...]] = {
-    "": ("--iterations", 50, "--episodes", 10),
-    "push-real": ("--iterations", 25, "--episodes", 20),
-}
 TRANSLATOR: dict[str, tuple[object, ...]] = {
     "": ("--augment", "--no-swap-colours", "--mirror"),
     "ladle-almonds": ("--augment", "--no-swap-colours"),
@@ -76,8 +72,7 @@ def learn(task: str, method: str, seed: int, preset: tuple[object, ...]) -> Path
     """One run and its evaluation."""
     folder = place(preset)
     translation = folder / f"{task}-c{seed}.translation.h5"
-    rollouts = () if preset else ROLLOUTS.get(task, ROLLOUTS[""])
-    words = ("learn-policy", translation, "--learner", "gps", *METHODS[method], *rollouts, "--workers", 1, "--resume")
+    words = ("learn-policy", translation, "--learner", "gps", *METHODS[method], "--workers", 1, "--resume")
     policy = ifo(*words, *preset, out=folder / f"{task}-{method}-c{seed}.policy.h5")
     return ifo(
         "evaluate",

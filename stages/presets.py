@@ -119,4 +119,7 @@ def defaults(preset: str, stage: str, task: str = "", choice: str = "") -> Any:
         if preset != "paper":  # Early frames and wide blurs lead to where the tool is to go (results/LOG.md).
             fine = 0.0 if task == "push-real" else 3.0  # One large can is seen well enough under a wide blur.
             config = replace(config, blur=8.0, fine_blur=fine, ramp="none")
+        if preset == "quick":  # 500 episodes at most, as results/real.py has it
+            rollouts = (25, 20) if task == "push-real" else (50, 10)
+            config = replace(config, iterations=rollouts[0], episodes=rollouts[1])
     return config

@@ -31,8 +31,9 @@ MOST_STEPS = 200  # control steps an episode: over many more, errors of the dyna
 # to the motors: where actions cost little, updates ask for a hundred times what there is, and learn little from it.
 ACTION_COST = 0.2
 # Least standard deviation of actions over the first one, falling to none in the last iteration: an update that sees no
-# way to move an object leaves hardly any noise, and then none is found.
-EXPLORATION = 0.5
+# way to move an object leaves hardly any noise, and then none is found; and the bound on the KL divergence lets a
+# controller move no farther than its noise goes.
+EXPLORATION = 1.0
 REFINED = 1 / 3  # of the iterations, after which what is finer is tracked
 
 

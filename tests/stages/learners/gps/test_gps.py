@@ -334,6 +334,8 @@ def test_a_learner_has_its_own_defaults():
     assert defaults("toy", "learn-policy", "reach", "gps").episodes == 5
     household = defaults("quick", "learn-policy", "sweep-paper", "gps")
     assert (household.ramp, household.blur, household.fine_blur) == ("none", 8.0, 3.0)
+    assert (household.iterations, household.episodes) == (50, 10)
+    assert defaults("toy", "learn-policy", "sweep-paper", "gps").episodes == 5
     assert gps.fine_blur == defaults("quick", "learn-policy", "push-real", "gps").fine_blur == 0
     assert defaults("quick", "learn-policy", "sweep-paper").ramp == "task", "TRPO has the usual ones"
     assert defaults("paper", "learn-policy", "sweep-paper", "gps").blur == 0, "as the paper has it"
