@@ -30,10 +30,10 @@ MOST_STEPS = 200  # control steps an episode: over many more, errors of the dyna
 # R of a cost of actions 1/2 R |u|^2, over what standing still costs a control step. Linear dynamics know of no limits
 # to the motors: where actions cost little, updates ask for a hundred times what there is, and learn little from it.
 ACTION_COST = 0.2
-# Least standard deviation of actions over the first one, falling to none in the last iteration: an update that sees no
-# way to move an object leaves hardly any noise, and then none is found; and the bound on the KL divergence lets a
-# controller move no farther than its noise goes.
-EXPLORATION = 1.0
+# Log of the least standard deviation of actions, if the first one is not less, falling to none in the last iteration:
+# an update that sees no way to move an object leaves hardly any noise, and then none is found; and the bound on the KL
+# divergence lets a controller move little farther than its noise goes.
+EXPLORATION = -1.2
 REFINED = 1 / 3  # of the iterations, after which what is finer is tracked
 
 
@@ -98,8 +98,7 @@ class GuidedPolicySearch:
             self._refine()
         rng = generator(self._seed, "gps", self._iterations)
         states, actions = self.rollouts(rng)
-        left = max(1 - (self._iterations + 1) / self._config.iterations, 0)
-        least_std = EXPLORATION * left * float(np.exp(self._config.log_std))
+        least_std = self._least_std(self._iterations + 1)
         self._search, self.last = iterate(
             self._search, states, actions, self._cost, self._config.kl, rng, least_std, self._period
         )
@@ -135,8 +134,13 @@ class GuidedPolicySearch:
         assert self._reward.finer is not None
         self._reward = self.env.reward = self._reward.finer
         self._cost = self._tracking()
-        std = EXPLORATION * (1 - self._iterations / self._config.iterations) * float(np.exp(self._config.log_std))
-        self._search = Search(self.own.lifted(self._size + self._reward.targets.shape[1]).widened(std))
+        lifted = self.own.lifted(self._size + self._reward.targets.shape[1])
+        self._search = Search(lifted.widened(self._least_std(self._iterations)))
+
+    def _least_std(self, iterations: int) -> float:
+        """Of actions, after so many iterations."""
+        left = max(1 - iterations / self._config.iterations, 0)
+        return left * float(np.exp(min(EXPLORATION, self._config.log_std)))
 
     def _standing_still(self) -> float:
         """What it costs a control step to stay where the environment has just begun."""

@@ -91,12 +91,13 @@ def test_the_step_follows_from_what_came_of_the_last(before, foretold, actual, c
     assert step_change(before, foretold, actual) == pytest.approx(expected)
 
 
-def test_noise_is_kept_until_the_last_iteration():
-    model = make_learner(SMALL, environment(SMALL), 4)
-    std = np.exp(SMALL.log_std)
-    for done in range(1, SMALL.iterations + 1):
+@pytest.mark.parametrize("log_std", [0.0, -2.0])
+def test_noise_is_kept_until_the_last_iteration(log_std):
+    config = dataclasses.replace(SMALL, log_std=log_std)
+    model = make_learner(config, environment(config), 4)
+    for done in range(1, config.iterations + 1):
         model.learn(0)
-        least = EXPLORATION * std * (1 - done / SMALL.iterations)
+        least = np.exp(min(EXPLORATION, log_std)) * (1 - done / config.iterations)
         assert np.linalg.eigvalsh(model.controller.covariances).min() >= 0.999 * least**2
 
 
