@@ -99,7 +99,8 @@ def markdown(cells: dict[tuple[str, str], list[Run]]) -> str:
         fraction = np.mean([1 - run.normalised_distance for run in runs])
         minutes = np.mean([run.recorded["learning_minutes"] for run in runs])
         episodes = np.mean([run.recorded["iterations"] * run.recorded["episodes"] for run in runs])
-        paper = dict(zip(("features", "pretrained", "joints"), PAPER[task], strict=True)).get(method)
+        ours, pretrained, joints = PAPER[task]
+        paper = {"translation": ours, "features": ours, "pretrained": pretrained, "joints": joints}.get(method)
         lines.append(
             f"| {task} | {method} | {len(runs)} | {rate:.2f} [{low:.2f}, {high:.2f}] | {fraction:.2f} | {episodes:.0f} "
             f"| {minutes:.1f} | {'-' if paper is None else f'{paper:.2f}'} |"
