@@ -112,6 +112,16 @@ def _check(config: PolicyConfig) -> None:
             f"--negatives changes the features that --learner {config.learner} has in its state: leave one of the two "
             "out"
         )
+    if config.fine_blur and config.learner not in LOCAL_LEARNERS:
+        raise UsageError(
+            f"--fine-blur {config.fine_blur:g} --learner {config.learner}: expected --learner gps, which alone has a "
+            "finer target; leave --fine-blur out"
+        )
+    if config.fine_blur and config.patience and config.reward in ("translation", "video"):
+        raise UsageError(
+            "--fine-blur changes the reward on the way: --patience would take it for a flat one; give --fine-blur 0, "
+            "or leave --patience out"
+        )
     learns = "--negatives" if config.negatives else f"--reward {config.reward}"
     if (config.negatives or config.reward in ("gail", "tpil")) and (config.patience or config.learner == "sac"):
         raise UsageError(

@@ -319,13 +319,15 @@ def test_refusals_are_one_line():
         ({"reward": "gail"}, "expected --reward translation, video, oracle, joints"),
         ({"reward": "tpil"}, "expected --reward translation, video, oracle, joints"),
         ({"negatives": 5}, "--negatives"),
+        ({"fine_blur": 3.0, "learner": "trpo"}, "--fine-blur 3 --learner trpo: expected --learner gps"),
+        ({"fine_blur": 3.0, "patience": 5}, "--patience would take"),
     ],
 )
 def test_rewards_that_do_not_fit_are_refused_before_anything_is_read(tmp_path, options, message):
     from stages.learn_policy import learn_policy
 
     with pytest.raises(UsageError, match=message):
-        learn_policy(PolicyConfig(learner="gps", **options), RunOptions(), tmp_path / "none.translation.h5")
+        learn_policy(PolicyConfig(**{"learner": "gps", **options}), RunOptions(), tmp_path / "none.translation.h5")
 
 
 def test_a_learner_has_its_own_defaults():
