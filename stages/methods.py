@@ -6,7 +6,10 @@ from typing import Any
 
 from artifacts import Artifact, ArtifactError
 
-LEARNING = ("reward", "learner", "without", "ramp", "image_weight", "blur", "negatives", "iterations", "episodes")
+LEARNING = (
+    *("reward", "learner", "without", "ramp", "image_weight", "blur", "fine_blur", "negatives"),
+    *("iterations", "episodes"),
+)
 TRANSLATOR = ("arch", "steps", "without", "align", "lambda_rec", "lambda_align", "demonstrations")
 
 

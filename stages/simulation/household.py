@@ -24,8 +24,7 @@ from stages.simulation.task import State, Task
 ROD = 0.4  # of a tool, metres: what holds it is out of the picture
 ROD_RADIUS = 0.012
 TABLE_HALF_SIZE = 1.5
-FRONT, SIDEWAYS = 180.0, 45.0  # the camera's azimuth and how far it varies to either side, degrees
-ELEVATION, CAMERA_DISTANCE, FOVY = -35.0, 1.8, 18.0  # degrees, metres, degrees
+SIDEWAYS = 45.0  # how far the camera's azimuth varies to either side, degrees
 
 HAND_REACH = np.array([0.5, 0.5, 0.5, np.pi, np.pi])  # poses that actions of 1 ask of a hand: metres and radians
 HAND_GAIN, HAND_DAMPING = 400.0, 40.0  # a hand of 1 kg follows within 0.1 s
@@ -58,6 +57,8 @@ class Household(Task):
     rod: tuple[float, float, float] = (0, 0, ROD)  # from the tool's tip to the flange, metres
     tilts: tuple[int, int, int] = (0, 1, 0)
     home: np.ndarray = HOME  # joints from which the arm's posture is sought, radians
+    # The camera's mean azimuth, its elevation, distance and field of view; degrees and metres.
+    filmed_from: tuple[float, float, float, float] = (180.0, -35.0, 1.8, 18.0)
 
     def __init__(self, driver: str = "arm"):
         """The tool is moved by the robot's `arm`, or by a person's `hand`."""
@@ -89,7 +90,7 @@ class Household(Task):
 
     def build(self) -> mjcf.RootElement:
         root = make_scene(self.name)
-        root.find("camera", "context").fovy = FOVY
+        root.find("camera", "context").fovy = self.filmed_from[3]
         _add_textures(root)
         add_table(root, TABLE_HALF_SIZE, rgba=(*CANONICAL_TABLE, 1), contype=0, conaffinity=ARM["contype"])
         if self._driver == "arm":
@@ -120,11 +121,11 @@ class Household(Task):
 
     def draw_contexts(self, rng: np.random.Generator, n: int, distribution: ContextDistribution) -> Contexts:
         vary = self.varied(distribution)
-        contexts = draw_camera(rng, n, distribution, vary, ELEVATION, CAMERA_DISTANCE)
+        contexts = draw_camera(rng, n, distribution, vary, *self.filmed_from[1:3])
         low, high = distribution.azimuth
         middle, half = (low + high) / 2, max((high - low) / 2, 1e-9)
         aside = (contexts["azimuth"] - middle) / half * min(half, SIDEWAYS)  # A wall is behind the robot.
-        contexts["azimuth"] = FRONT + (aside if "azimuth" in vary else np.zeros(n))
+        contexts["azimuth"] = self.filmed_from[0] + (aside if "azimuth" in vary else np.zeros(n))
         if "colour" in vary:
             colours, kinds = draw_colours(rng, n, *self.keep_clear()), rng.integers(len(TABLES), size=n)
         else:

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 from dm_control import mjcf
+from scipy.spatial.transform import Rotation
 
 from stages.simulation.contexts import Contexts
 from stages.simulation.household import Household
@@ -17,11 +18,12 @@ from stages.simulation.task import State
 
 ALMONDS, ALMOND_RADIUS, ALMOND_MASS = 15, 0.009, 0.0012  # metres, kilograms
 BOWL_RADIUS, BOWL_DEPTH, SIDES = 0.036, 0.03, 10  # of the ladle, metres, and how many plates its wall is made of
+FLARE = np.radians(30)  # how far its wall leans outwards
 PAN_RADIUS, PAN_DEPTH, PAN_SIDES = 0.085, 0.035, 14
 WALL = 0.004  # half of a wall's thickness, metres
 LADLE_ROD = 0.6  # metres: longer than other tools', or the arm would be in the picture
-LIFT = 0.13  # metres above the table that the ladle is carried
-POUR = np.radians(130)  # how far the wrist turns
+LIFT = 0.18  # metres above the table that the ladle is carried
+POUR = np.radians(120)  # how far the wrist turns; from 100 on all almonds fall
 SETTLES = 1.0  # seconds in which almonds that are dropped into the ladle come to rest
 
 PAN_PLACES = (np.array([0.0, -0.12]), np.array([0.12, 0.12]))  # corners, metres
@@ -37,12 +39,15 @@ class LadleAlmonds(Household):
     """
 
     name = "ladle-almonds"
-    start = (-0.18, 0.0, LIFT, 0.0, 0.0)
+    start = (-0.14, 0.0, LIFT, 0.0, 0.0)
     base = (-1.35, 0.0, 0.0)
     held = (0, 1, 0, 1)
     rod = (-LADLE_ROD, 0, 0)
     tilts = (1, 0, 0)
     home = np.array([0.0, -0.6, 0.0, 1.4, 0.0, -0.8, 0.1745])  # the hand points ahead
+    # Near and from above, for to a camera far off a ladle that is lower and farther back looks the same; and from where
+    # one sees which way it turns, for from the other side a ladle that is turned the wrong way looks nearly the same.
+    filmed_from = (145.0, -55.0, 0.8, 42.0)
     substeps = 20
 
     def build(self) -> mjcf.RootElement:
@@ -54,7 +59,7 @@ class LadleAlmonds(Household):
 
     def add_tool(self, body: mjcf.Element) -> None:
         # The tip is the middle of the bowl's floor.
-        _add_dish(body, "bowl", BOWL_RADIUS, BOWL_DEPTH, SIDES, STEEL)
+        _add_dish(body, "bowl", BOWL_RADIUS, BOWL_DEPTH, SIDES, STEEL, FLARE)
 
     def add_objects(self, root: mjcf.RootElement) -> None:
         pan = root.worldbody.add("body", name="pan", gravcomp=1)
@@ -121,7 +126,8 @@ class LadleAlmonds(Household):
 
         # Almonds leave over the side that goes down, half a bowl away.
         beside = pan[:, 1] + BOWL_RADIUS
-        return [(0.45, pose(beside, 0.0)), (0.8, pose(beside, POUR))]
+        # In less time the arm's last joint could not follow.
+        return [(0.35, pose(beside, 0.0)), (0.85, pose(beside, POUR))]
 
     def goal_error(self, state: State, contexts: Contexts) -> np.ndarray:
         """From the inside of the pan to each almond; from above the pan to the tip, which counts for a quarter."""
@@ -147,19 +153,25 @@ class LadleAlmonds(Household):
         return np.concatenate([beyond, above], axis=2)
 
 
-def _add_dish(body: mjcf.Element, name: str, radius: float, depth: float, sides: int, rgb: np.ndarray) -> None:
+def _add_dish(
+    body: mjcf.Element, name: str, radius: float, depth: float, sides: int, rgb: np.ndarray, flare: float = 0.0
+) -> None:
     """Add a round dish to a body whose origin is the middle of its floor, of a floor and a wall of plates.
 
     Args:
-        radius, depth: Of the inside, metres.
+        radius, depth: Of the inside, metres; the radius where the wall stands on the floor.
         sides: How many plates the wall is made of.
+        flare: How far they lean outwards, radians.
     """
     look = {"rgba": (*rgb, 1), "mass": 0.01, **TOUCHING}
     floor = {"type": "cylinder", "size": (radius + 2 * WALL, WALL), "pos": (0, 0, WALL)}
     body.add("geom", name=f"{name}_floor", **floor, **look)
-    width = (radius + 2 * WALL) * np.tan(np.pi / sides)
+    length = depth / np.cos(flare)
+    width = (radius + 2 * WALL + depth * np.tan(flare)) * np.tan(np.pi / sides)  # they meet at the rim
+    away = radius + WALL + depth * np.tan(flare) / 2
     for k in range(sides):
         angle = 2 * np.pi * k / sides
-        at = ((radius + WALL) * np.cos(angle), (radius + WALL) * np.sin(angle), 2 * WALL + depth / 2)
-        placed = {"type": "box", "size": (WALL, width, depth / 2), "pos": at, "euler": (0, 0, angle)}
+        at = (away * np.cos(angle), away * np.sin(angle), 2 * WALL + depth / 2)
+        turned = Rotation.from_euler("ZY", (angle, flare)).as_quat(scalar_first=True)
+        placed = {"type": "box", "size": (WALL, width, length / 2), "pos": at, "quat": turned}
         body.add("geom", name=f"{name}_{k}", **placed, **look)

@@ -8,7 +8,7 @@ from stages.configs import HOUSEHOLD
 from stages.demonstrators import Person
 from stages.simulation.batch import BatchSimulation, rollout
 from stages.simulation.contexts import take
-from stages.simulation.household import FRONT, SIDEWAYS
+from stages.simulation.household import SIDEWAYS
 from stages.simulation.push_real import PushReal
 from stages.simulation.render import RenderPool
 from stages.simulation.sawyer import JOINTS, LINKS
@@ -91,7 +91,7 @@ def test_things_stand_still_until_they_are_touched(task, contexts):
     before = simulation.reset(*task.context_state(contexts)).qpos
     for _ in range(5):
         after = simulation.step(np.zeros((N, task.action_size))).qpos
-    moved = 2e-3 if task.name == "ladle-almonds" else 1e-4  # Metres: the ladle itself gives way a little.
+    moved = 3e-3 if task.name == "ladle-almonds" else 1e-4  # Metres: the ladle itself gives way, almonds settle.
     assert np.allclose(before[:, task.driven :], after[:, task.driven :], atol=moved)
     assert np.allclose(before, after, atol=0.01)  # The table pushes at a tool that begins too low.
 
@@ -132,7 +132,7 @@ def test_a_led_arm_brings_the_tool_where_the_person_does(task, contexts):
 def test_pictures_are_taken_from_the_front_and_differ(task):
     for name, half in (("paper", SIDEWAYS), ("narrow", 40.0), ("fixed", 0.0)):
         contexts = task.draw_contexts(np.random.default_rng(0), 500, distribution(name))
-        away = np.abs(contexts["azimuth"] - FRONT)
+        away = np.abs(contexts["azimuth"] - task.filmed_from[0])
         assert away.max() == pytest.approx(half, abs=1)
         for field in ("table_rgb", "table_texture", "arm_noise"):
             assert (contexts[field] != contexts[field][0]).any() == (name != "fixed")
