@@ -37,6 +37,7 @@ class Improvement:
         bound: What it may be at most.
         eta: The dual variable.
         binding: Whether the bound is what stopped it.
+        seen: Of the old controller: the means of its rollouts, around which the spread is what the dynamics say.
     """
 
     controller: LinearGaussianController
@@ -45,6 +46,7 @@ class Improvement:
     bound: float
     eta: float
     binding: bool
+    seen: Marginals | None = None
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,8 @@ def iterate(
     mean = states[:, 0].mean(axis=0)
     apart = states[:, 0] - mean
     covariance = apart.T @ apart / len(states) + LEAST_VARIANCE * np.eye(len(mean))
-    now = forward(dynamics, search.controller, mean, covariance).cost(cost)
+    before = forward(dynamics, search.controller, mean, covariance)
+    now = before.cost(cost)
     step = search.step
     if search.foretold is not None:
         step = float(np.clip(step * step_change(*search.foretold, now), *STEP_RANGE))
@@ -117,7 +120,7 @@ def iterate(
         actions=done,
         mixture=mixture,
         foretold=foretold,
-    ), found
+    ), replace(found, seen=replace(before, state_mean=states.mean(axis=0), action_mean=actions.mean(axis=0)))
 
 
 def step_change(before: float, foretold: float, actual: float) -> float:

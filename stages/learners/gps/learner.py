@@ -2,9 +2,10 @@
 
 The controller acts on the state x that the paper gives it (Sec. V.B): the robot's own observation without the clock,
 and what the reward tracks, such as image features. What is learned in the end is to run where nothing is tracked: so
-beside it stands the controller's best approximation on the robot's own observation alone, the conditional distribution
-of its actions given that observation, in closed form under the fitted dynamics. That one is what a policy artifact
-holds and what is evaluated; the curve shows rollouts of the controller itself.
+beside it stands the best approximation, on the robot's own observation alone, of the controller that made the last
+rollouts: the conditional distribution of its actions given that observation, around the rollouts' means, with the
+spread in closed form under the fitted dynamics. That one is what a policy artifact holds and what is evaluated; the
+curve shows rollouts of the controller itself. The update behind the last rollouts would be one that nobody has tried.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class GuidedPolicySearch:
     Attributes:
         env: Where rollouts are made; all of its simulations share one context.
         num_timesteps: Control steps taken so far, of all simulations.
-        own: The controller on the robot's own observation.
+        own: The controller on the robot's own observation, of the last rollouts.
         last: What the last iteration found; None before the first.
     """
 
@@ -99,10 +100,12 @@ class GuidedPolicySearch:
         rng = generator(self._seed, "gps", self._iterations)
         states, actions = self.rollouts(rng)
         least_std = self._least_std(self._iterations + 1)
+        ran = self.controller
         self._search, self.last = iterate(
             self._search, states, actions, self._cost, self._config.kl, rng, least_std, self._period
         )
-        self.own = on_part(self.controller, self.last.marginals, self._size)
+        assert self.last.seen is not None
+        self.own = on_part(ran, self.last.seen, self._size)
         self._iterations += 1
         self.num_timesteps += actions.shape[0] * actions.shape[1]
         return self

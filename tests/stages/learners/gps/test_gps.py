@@ -200,6 +200,19 @@ def test_a_restored_learner_goes_on_bit_for_bit():
             np.testing.assert_array_equal(values, other.arrays()[name], err_msg=name)
 
 
+def test_the_own_controller_does_on_average_what_the_last_rollouts_did():
+    """Not what the update behind them is foretold to do: nobody has tried that."""
+    model = make_learner(SMALL, environment(SMALL), 4)
+    done, rollouts = [], model.rollouts
+    model.rollouts = lambda rng: done.append(rollouts(rng)) or done[-1]
+    for _ in range(3):
+        model.learn(0)
+    states, actions = (values.mean(axis=0) for values in done[-1])
+    size = model.own.gains.shape[2]
+    for step in (0, 20, 49):
+        np.testing.assert_allclose(model.own.act(step, states[step, :size]), actions[step], atol=1e-9)
+
+
 class Coarse(GoalReward):
     """The distance to the goal, of which the last coordinate counts only once the target is refined."""
 
