@@ -14,21 +14,29 @@ from scipy.spatial.transform import Rotation
 
 from stages.simulation.contexts import Contexts
 from stages.simulation.household import Household
+from stages.simulation.scene import NOTHING
 from stages.simulation.task import State
 
 ALMONDS, ALMOND_RADIUS, ALMOND_MASS = 15, 0.009, 0.0012  # metres, kilograms
 BOWL_RADIUS, BOWL_DEPTH, SIDES = 0.036, 0.03, 10  # of the ladle, metres, and how many plates its wall is made of
-FLARE = np.radians(30)  # how far its wall leans outwards
+FLARE = np.radians(40)  # how far its wall leans outwards
 PAN_RADIUS, PAN_DEPTH, PAN_SIDES = 0.085, 0.035, 14
 WALL = 0.004  # half of a wall's thickness, metres
 LADLE_ROD = 0.6  # metres: longer than other tools', or the arm would be in the picture
 LIFT = 0.18  # metres above the table that the ladle is carried
-POUR = np.radians(120)  # how far the wrist turns; from 100 on all almonds fall
+POUR = np.radians(100)  # how far the wrist turns; from 85 on all almonds fall
 SETTLES = 1.0  # seconds in which almonds that are dropped into the ladle come to rest
 
 PAN_PLACES = (np.array([0.0, -0.12]), np.array([0.12, 0.12]))  # corners, metres
 CANONICAL_PAN = np.array([0.06, 0.0])
-STEEL, IRON, BROWN = np.array([0.8, 0.82, 0.85]), np.array([0.12, 0.12, 0.14]), np.array([0.6, 0.33, 0.13])
+LINING = 0.0005  # half of what is drawn inside the bowl, metres
+# White inside and blue outside: else a bowl turned over and one turned away, both seen on edge, look the same.
+STEEL, BLUE, IRON, BROWN = (
+    np.array([0.85, 0.87, 0.9]),
+    np.array([0.1, 0.2, 0.6]),
+    np.array([0.12, 0.12, 0.14]),
+    np.array([0.6, 0.33, 0.13]),
+)
 TOUCHING = {"contype": 4, "conaffinity": 4, "condim": 3, "friction": (0.5, 0.005, 0.0001), "solref": (0.005, 1)}
 
 
@@ -47,7 +55,7 @@ class LadleAlmonds(Household):
     home = np.array([0.0, -0.6, 0.0, 1.4, 0.0, -0.8, 0.1745])  # the hand points ahead
     # Near and from above, for to a camera far off a ladle that is lower and farther back looks the same; and from where
     # one sees which way it turns, for from the other side a ladle that is turned the wrong way looks nearly the same.
-    filmed_from = (145.0, -55.0, 0.8, 42.0)
+    filmed_from = (110.0, -55.0, 0.9, 42.0)
     substeps = 20
 
     def build(self) -> mjcf.RootElement:
@@ -59,7 +67,7 @@ class LadleAlmonds(Household):
 
     def add_tool(self, body: mjcf.Element) -> None:
         # The tip is the middle of the bowl's floor.
-        _add_dish(body, "bowl", BOWL_RADIUS, BOWL_DEPTH, SIDES, STEEL, FLARE)
+        _add_dish(body, "bowl", BOWL_RADIUS, BOWL_DEPTH, SIDES, BLUE, FLARE, STEEL)
 
     def add_objects(self, root: mjcf.RootElement) -> None:
         pan = root.worldbody.add("body", name="pan", gravcomp=1)
@@ -74,7 +82,7 @@ class LadleAlmonds(Household):
             almond.add("geom", name=f"almond_{k}", **look, **TOUCHING)
 
     def keep_clear(self) -> tuple[np.ndarray, ...]:
-        return STEEL, IRON, BROWN
+        return STEEL, BLUE, IRON, BROWN
 
     def draw_objects(self, rng: np.random.Generator, n: int, vary: bool) -> Contexts:
         pan = rng.uniform(*PAN_PLACES, (n, 2)) if vary else np.tile(CANONICAL_PAN, (n, 1))
@@ -154,7 +162,14 @@ class LadleAlmonds(Household):
 
 
 def _add_dish(
-    body: mjcf.Element, name: str, radius: float, depth: float, sides: int, rgb: np.ndarray, flare: float = 0.0
+    body: mjcf.Element,
+    name: str,
+    radius: float,
+    depth: float,
+    sides: int,
+    rgb: np.ndarray,
+    flare: float = 0.0,
+    lining: np.ndarray | None = None,
 ) -> None:
     """Add a round dish to a body whose origin is the middle of its floor, of a floor and a wall of plates.
 
@@ -162,10 +177,15 @@ def _add_dish(
         radius, depth: Of the inside, metres; the radius where the wall stands on the floor.
         sides: How many plates the wall is made of.
         flare: How far they lean outwards, radians.
+        lining: Another colour inside.
     """
     look = {"rgba": (*rgb, 1), "mass": 0.01, **TOUCHING}
     floor = {"type": "cylinder", "size": (radius + 2 * WALL, WALL), "pos": (0, 0, WALL)}
     body.add("geom", name=f"{name}_floor", **floor, **look)
+    if lining is not None:
+        seen = {"rgba": (*lining, 1), "mass": 1e-6, **NOTHING}
+        size, pos = (radius, LINING), (0, 0, 2 * WALL + LINING)
+        body.add("geom", name=f"{name}_lining", type="cylinder", size=size, pos=pos, **seen)
     length = depth / np.cos(flare)
     width = (radius + 2 * WALL + depth * np.tan(flare)) * np.tan(np.pi / sides)  # they meet at the rim
     away = radius + WALL + depth * np.tan(flare) / 2
@@ -175,3 +195,8 @@ def _add_dish(
         turned = Rotation.from_euler("ZY", (angle, flare)).as_quat(scalar_first=True)
         placed = {"type": "box", "size": (WALL, width, length / 2), "pos": at, "quat": turned}
         body.add("geom", name=f"{name}_{k}", **placed, **look)
+        if lining is not None:
+            inwards = np.array([-np.cos(flare) * np.cos(angle), -np.cos(flare) * np.sin(angle), np.sin(flare)])
+            size, pos = (LINING, width, length / 2), at + (WALL + LINING) * inwards
+            seen = {"rgba": (*lining, 1), "mass": 1e-6, **NOTHING}
+            body.add("geom", name=f"{name}_lining_{k}", type="box", size=size, pos=pos, quat=turned, **seen)

@@ -9,6 +9,7 @@ from stages.demonstrators import Person
 from stages.simulation.batch import BatchSimulation, rollout
 from stages.simulation.contexts import take
 from stages.simulation.household import SIDEWAYS
+from stages.simulation.ladle_real import BOWL_DEPTH
 from stages.simulation.push_real import PushReal
 from stages.simulation.render import RenderPool
 from stages.simulation.sawyer import JOINTS, LINKS
@@ -91,7 +92,7 @@ def test_things_stand_still_until_they_are_touched(task, contexts):
     before = simulation.reset(*task.context_state(contexts)).qpos
     for _ in range(5):
         after = simulation.step(np.zeros((N, task.action_size))).qpos
-    moved = 3e-3 if task.name == "ladle-almonds" else 1e-4  # Metres: the ladle itself gives way, almonds settle.
+    moved = 5e-3 if task.name == "ladle-almonds" else 1e-4  # Metres: the ladle itself gives way, almonds settle.
     assert np.allclose(before[:, task.driven :], after[:, task.driven :], atol=moved)
     assert np.allclose(before, after, atol=0.01)  # The table pushes at a tool that begins too low.
 
@@ -157,11 +158,12 @@ def test_fractions_count_what_lies_in_the_pan():
     assert np.flatnonzero(left[1]).tolist() == [0]
 
 
-def test_almonds_fall_where_the_ladle_is_turned():
+@pytest.mark.parametrize(("degrees", "falls"), [(-60, False), (60, False), (100, True), (150, True)])
+def test_almonds_stay_in_the_ladle_until_it_is_turned_and_fall_where_it_is(degrees, falls):
     task = make_task("ladle-almonds")
     contexts = task.draw_contexts(np.random.default_rng(0), 4, distribution("paper"))
     hand = task.demonstrator
-    turned = hand.demonstrated(np.array([*hand.start[:4], np.radians(150)]))
+    turned = hand.demonstrated(np.array([*hand.start[:4], np.radians(degrees)]))
     simulation = BatchSimulation(hand, 4, 1)
     state = simulation.reset(*hand.context_state(contexts))
     lying = state.qpos[:, hand.driven + 4 :: 3]
@@ -169,5 +171,8 @@ def test_almonds_fall_where_the_ladle_is_turned():
     for _ in range(hand.control_steps):
         state = simulation.step(np.tile(turned, (4, 1)))
     fallen = state.qpos[:, hand.driven + 4 :: 3]
+    if not falls:
+        assert (fallen > hand.start[2] - BOWL_DEPTH).all()
+        return
     assert (fallen < 0.02).all() and (fallen > 0).all()  # On the table, and not through it.
     assert (hand.distance(state, contexts) == 1).all()
