@@ -182,10 +182,10 @@ def _add_dish(
     look = {"rgba": (*rgb, 1), "mass": 0.01, **TOUCHING}
     floor = {"type": "cylinder", "size": (radius + 2 * WALL, WALL), "pos": (0, 0, WALL)}
     body.add("geom", name=f"{name}_floor", **floor, **look)
-    if lining is not None:
-        seen = {"rgba": (*lining, 1), "mass": 1e-6, **NOTHING}
-        size, pos = (radius, LINING), (0, 0, 2 * WALL + LINING)
-        body.add("geom", name=f"{name}_lining", type="cylinder", size=size, pos=pos, **seen)
+    seen = {} if lining is None else {"rgba": (*lining, 1), "mass": 1e-6, **NOTHING}
+    if seen:
+        drawn = {"type": "cylinder", "size": (radius, LINING), "pos": (0, 0, 2 * WALL + LINING)}
+        body.add("geom", name=f"{name}_lining", **drawn, **seen)
     length = depth / np.cos(flare)
     width = (radius + 2 * WALL + depth * np.tan(flare)) * np.tan(np.pi / sides)  # they meet at the rim
     away = radius + WALL + depth * np.tan(flare) / 2
@@ -195,8 +195,7 @@ def _add_dish(
         turned = Rotation.from_euler("ZY", (angle, flare)).as_quat(scalar_first=True)
         placed = {"type": "box", "size": (WALL, width, length / 2), "pos": at, "quat": turned}
         body.add("geom", name=f"{name}_{k}", **placed, **look)
-        if lining is not None:
+        if seen:
             inwards = np.array([-np.cos(flare) * np.cos(angle), -np.cos(flare) * np.sin(angle), np.sin(flare)])
-            size, pos = (LINING, width, length / 2), at + (WALL + LINING) * inwards
-            seen = {"rgba": (*lining, 1), "mass": 1e-6, **NOTHING}
-            body.add("geom", name=f"{name}_lining_{k}", type="box", size=size, pos=pos, quat=turned, **seen)
+            drawn = {"type": "box", "size": (LINING, width, length / 2), "quat": turned}
+            body.add("geom", name=f"{name}_lining_{k}", pos=at + (WALL + LINING) * inwards, **drawn, **seen)
