@@ -82,6 +82,7 @@ class GuidedPolicySearch:
         self._penalty = ACTION_COST * self._standing_still() * np.eye(env.task.action_size)
         self._cost = self._tracking()
         self.own = LinearGaussianController.constant(steps, self._size, env.task.action_size, std)
+        self._next = self.own  # of the next rollouts, as far as they can be foretold
         self.last: Improvement | None = None
         self._period = env.task.frame_every if isinstance(reward, FrameReward) else None
         self._iterations = 0
@@ -106,6 +107,7 @@ class GuidedPolicySearch:
         )
         assert self.last.seen is not None
         self.own = on_part(ran, self.last.seen, self._size)
+        self._next = on_part(self.controller, self.last.marginals, self._size)
         self._iterations += 1
         self.num_timesteps += actions.shape[0] * actions.shape[1]
         return self
@@ -130,14 +132,14 @@ class GuidedPolicySearch:
         return QuadraticCost.tracking(self._size + targets.shape[1], targets, weights, self._penalty)
 
     def _refine(self) -> None:
-        """Go on with the reward's finer target, from the controller on the robot's own observation.
+        """Go on with the reward's finer target, from the next controller on the robot's own observation.
 
         What is known of the dynamics goes: the numbers of images are others now.
         """
         assert self._reward.finer is not None
         self._reward = self.env.reward = self._reward.finer
         self._cost = self._tracking()
-        lifted = self.own.lifted(self._size + self._reward.targets.shape[1])
+        lifted = self._next.lifted(self._size + self._reward.targets.shape[1])
         self._search = Search(lifted.widened(self._least_std(self._iterations)))
 
     def _least_std(self, iterations: int) -> float:
@@ -162,6 +164,7 @@ class GuidedPolicySearch:
         return {
             "controller": search.controller.arrays(),
             "own": self.own.arrays(),
+            "next": self._next.arrays(),
             "step": search.step,
             "states": search.states,
             "actions": search.actions,
@@ -186,6 +189,7 @@ class GuidedPolicySearch:
             foretold=(state["foretold"][0], state["foretold"][1]) if state["foretold"] else None,
         )
         self.own = LinearGaussianController(**state["own"])
+        self._next = LinearGaussianController(**state["next"])
         self._iterations, self.num_timesteps = state["iterations"], state["samples"]
         if self._iterations:
             self.env.episode = state["episode"] - 1  # The running episode was drawn before: draw it again.

@@ -15,7 +15,7 @@ from stages.learners.environment import EpisodeEnv
 from stages.learners.gps.controller import LinearGaussianController
 from stages.learners.gps.gps import STEP_CHANGE, Search, improve, iterate, step_change
 from stages.learners.gps.learner import EXPLORATION
-from stages.learners.gps.lqr import backward, divergence, forward
+from stages.learners.gps.lqr import backward, divergence, forward, on_part
 from stages.learners.policy import Policy, policy_weights
 from stages.presets import defaults
 from stages.progress import Progress
@@ -233,7 +233,8 @@ def test_the_finer_target_is_tracked_after_a_third_of_the_iterations():
     model = make_learner(config, env, 4)
     for _ in range(2):
         model.learn(0)
-    coarse, own = model.controller.gains.shape[2], model.own
+    coarse = model.controller.gains.shape[2]
+    own = on_part(model.controller, model.last.marginals, model.own.gains.shape[2])
     assert env.reward is reward
     seen = []
     rollouts = model.rollouts
