@@ -3,8 +3,9 @@
     python results/real.py
 
 A person is filmed (as many demonstrations as the paper has, of the ladle 180 in place of 60; MP4s at crf 23), the
-footage is imported, a translator is trained on it, and in each of five contexts guided policy search learns from the translation, from its features alone
-(as in the paper), from features of an ImageNet network, from one demonstration's joint angles, and from the true state.
+footage is imported, a translator is trained on it, and in each of five contexts guided policy search learns from the
+translation, from its features alone (as in the paper), from features of an ImageNet network, from one demonstration's
+joint angles, and from the true state.
 Finished artifacts, in runs/real, are not made again; the tables are of all evaluations in results/real.
 """
 
