@@ -28,7 +28,7 @@ demo: setup ## The main job: learn to reach from videos of other contexts, prese
 
 test: setup ## Run the tests that take seconds.
 	@bash .ci/browser.sh
-	@pytest -n auto --dist loadfile
+	@pytest -n auto --dist loadfile --no-loadscope-reorder
 
 slow: setup ## Run the tests that take minutes.
 	@pytest -m slow

@@ -38,6 +38,8 @@ def train_expert(task_name: str, config: ExpertConfig, run: RunOptions) -> Stage
     choose_backend(required=False)  # Draws nothing; but mujoco settles on a backend when it is imported.
     task = make_task(task_name, typed=True)
     task.varied(distribution(config.contexts, config.vary))
+    if task.demonstrator:
+        run.progress.say(f"{task_name} brings somebody who demonstrates it: ifo collect-demos needs no expert of it")
     pick_device(run.device)
     workers = use_threads(pick_workers(run.workers))
     out = run.out or default_path(Path("runs"), f"{file_name(task_name)}-{run.preset}", "expert")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import os
 import shlex
@@ -12,6 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+
+from ifo_cli.main import main
 
 IFO = f"{shlex.quote(sys.executable)} -m ifo_cli.main"
 PIPELINE = (
@@ -57,10 +61,24 @@ def toy(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def ifo():
-    """A function that runs one `ifo` command in a folder and returns the finished process."""
+    """A function that runs one `ifo` command in a folder, within this process, and returns what became of it."""
+    return _run
+
+
+@pytest.fixture(scope="session")
+def ifo_process():
+    """The same by a process of its own, which takes seconds longer: to be given an input, say."""
 
     def run(folder: Path, *words: object, **options) -> subprocess.CompletedProcess:
         command = [sys.executable, "-m", "ifo_cli.main", *map(str, words)]
         return subprocess.run(command, cwd=folder, env=environment(), capture_output=True, text=True, **options)
 
     return run
+
+
+def _run(folder: Path, *words: object) -> subprocess.CompletedProcess:
+    out, err = io.StringIO(), io.StringIO()
+    command = [*map(str, words)]
+    with contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main(command)
+    return subprocess.CompletedProcess(["ifo", *command], code, out.getvalue(), err.getvalue())

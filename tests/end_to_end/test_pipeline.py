@@ -135,9 +135,9 @@ def test_an_evaluation_keeps_the_learning_curves_of_all_its_policies(toy, ifo, t
             assert np.isnan(row[len(curve) :]).all()
 
 
-def test_an_empty_pipe_says_so(toy, ifo):
+def test_an_empty_pipe_says_so(toy, ifo_process):
     for stage in ("train-translator", "translate", "learn-policy", "evaluate"):
-        done = ifo(toy.folder, stage, input="")
+        done = ifo_process(toy.folder, stage, input="")
         assert done.returncode == 3
         assert done.stdout == ""
         assert len(done.stderr.strip().splitlines()) == 1
