@@ -78,8 +78,8 @@ def test_mixed_precision_stays_near(options):
     ids=["graphs", "graphs in mixed precision", "groups, without graphs"],
 )
 def test_a_compiled_step_is_a_plain_one(options, monkeypatch):
-    # What torch 2.11 compiles expects gradients in a layout in which cuDNN does not leave them where maps have one pixel
-    # (frames of 16), nor by its algorithms that repeat.
+    # What torch 2.11 compiles expects gradients in a layout in which cuDNN does not leave them by its algorithms that
+    # repeat, nor where maps have one pixel (frames of 16).
     monkeypatch.setattr(torch.backends.cudnn, "deterministic", False)
     plain, compiled = (losses(begun(size=32, **options, compile=compile), 6) for compile in (False, True))
     np.testing.assert_allclose(compiled[:STEPS], plain[:STEPS], rtol=0.1 if options.get("amp") else 1e-2)
