@@ -46,7 +46,7 @@ METHODS: dict[str, tuple[object, ...]] = {
     "network": (),
     "pretrained": ("--reward", "pretrained"),
     "joints": ("--reward", "joints"),
-    "oracle": ("--reward", "oracle"),
+    "oracle": ("--reward", "oracle", "--ramp", "task"),  # as the paper has it: where things end counts most
 }
 # The paper's robot: its method, pretrained features, joint angles. Success of push, mean fraction of the others.
 PAPER = {
