@@ -189,6 +189,12 @@ class PolicyConfig(LearnerConfig):
         low=0,
         high=100,
     )
+    starts: int = option(
+        1,
+        "With --learner gps, searches that begin apart and take turns; after half of the iterations the cheapest goes "
+        "on alone.",
+        low=1,
+    )
     negatives: int = option(
         0, "Tune the features on the learner's own frames every this many iterations (0: never).", low=0
     )

@@ -122,11 +122,26 @@ def _check(config: PolicyConfig) -> None:
             "--fine-blur changes the reward on the way: --patience would take it for a flat one; give --fine-blur 0, "
             "or leave --patience out"
         )
+    if config.starts > 1:
+        _check_starts(config)
     learns = "--negatives" if config.negatives else f"--reward {config.reward}"
     if (config.negatives or config.reward in ("gail", "tpil")) and (config.patience or config.learner == "sac"):
         raise UsageError(
             f"{learns} changes the reward on the way: --patience would take it for a flat one, and --learner sac "
             "keeps old rewards; leave one of the two out"
+        )
+
+
+def _check_starts(config: PolicyConfig) -> None:
+    given = f"--starts {config.starts}"
+    if config.learner not in LOCAL_LEARNERS:
+        raise UsageError(f"{given} --learner {config.learner}: expected --learner gps, whose searches are local ones")
+    if config.starts > config.iterations:
+        raise UsageError(f"{given} --iterations {config.iterations}: expected an iteration for each start, or more")
+    if config.patience:
+        raise UsageError(
+            f"{given} makes a curve of several searches that take turns: --patience would take it for a flat one; "
+            "leave one of the two out"
         )
 
 

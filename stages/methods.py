@@ -8,7 +8,7 @@ from artifacts import Artifact, ArtifactError
 
 LEARNING = (
     *("reward", "learner", "without", "ramp", "image_weight", "blur", "fine_blur", "negatives"),
-    *("iterations", "episodes"),
+    *("iterations", "episodes", "starts"),
 )
 TRANSLATOR = ("arch", "steps", "without", "align", "lambda_rec", "lambda_align", "demonstrations")
 

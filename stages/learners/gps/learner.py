@@ -6,17 +6,21 @@ beside it stands the best approximation, on the robot's own observation alone, o
 rollouts: the conditional distribution of its actions given that observation, around the rollouts' means, with the
 spread in closed form under the fitted dynamics. That one is what a policy artifact holds and what is evaluated; the
 curve shows rollouts of the controller itself. The update behind the last rollouts would be one that nobody has tried.
+
+A search is a local one: what its first rollouts happen upon decides where it ends. Several may begin apart, then, take
+turns, and the cheapest goes on alone.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from artifacts import UsageError
-from stages.configs import TRACKED_REWARDS, LearnerConfig
+from stages.configs import TRACKED_REWARDS, LearnerConfig, PolicyConfig
 from stages.learners.environment import EpisodeEnv
 from stages.learners.gps.controller import LinearGaussianController
 from stages.learners.gps.gmm import Mixture
@@ -36,6 +40,53 @@ ACTION_COST = 0.2
 # divergence lets a controller move little farther than its noise goes.
 EXPLORATION = -1.2
 REFINED = 1 / 3  # of the iterations, after which what is finer is tracked
+APART = 1 / 2  # of the iterations, at most, in which several searches take turns
+
+
+@dataclass(frozen=True)
+class Start:
+    """One search, and what it has come to.
+
+    Attributes:
+        search: Where it stands.
+        own: The controller on the robot's own observation, of its last rollouts.
+        next: That of its next ones, as far as they can be foretold.
+        cost: Mean of its last rollouts'; infinite before the first.
+    """
+
+    search: Search
+    own: LinearGaussianController
+    next: LinearGaussianController
+    cost: float = math.inf
+
+    def state(self) -> dict[str, Any]:
+        """All of it, as a tree of arrays and numbers."""
+        search = self.search
+        return {
+            "controller": search.controller.arrays(),
+            "own": self.own.arrays(),
+            "next": self.next.arrays(),
+            "cost": self.cost,
+            "step": search.step,
+            "states": search.states,
+            "actions": search.actions,
+            "mixture": {} if search.mixture is None else dict(vars(search.mixture)),
+            "foretold": list(search.foretold or ()),
+        }
+
+    @classmethod
+    def of(cls, state: dict[str, Any]) -> Start:
+        """What `state` describes."""
+        search = Search(
+            controller=LinearGaussianController(**state["controller"]),
+            step=state["step"],
+            states=state["states"],
+            actions=state["actions"],
+            mixture=Mixture(**state["mixture"]) if state["mixture"] else None,
+            foretold=(state["foretold"][0], state["foretold"][1]) if state["foretold"] else None,
+        )
+        own, following = (LinearGaussianController(**state[name]) for name in ("own", "next"))
+        return cls(search, own, following, state["cost"])
 
 
 class GuidedPolicySearch:
@@ -44,7 +95,6 @@ class GuidedPolicySearch:
     Attributes:
         env: Where rollouts are made; all of its simulations share one context.
         num_timesteps: Control steps taken so far, of all simulations.
-        own: The controller on the robot's own observation, of the last rollouts.
         last: What the last iteration found; None before the first.
     """
 
@@ -78,21 +128,34 @@ class GuidedPolicySearch:
         steps, tracked = env.task.control_steps, reward.targets.shape[1]
         std = float(np.exp(config.log_std))
         first = LinearGaussianController.constant(steps, self._size + tracked, env.task.action_size, std)
-        self._search = Search(first)
+        own = LinearGaussianController.constant(steps, self._size, env.task.action_size, std)
+        starts = config.starts if isinstance(config, PolicyConfig) else 1
+        self._starts = [Start(Search(first), own, own)] * starts
+        self._apart = starts * max(int(APART * config.iterations / starts), 1) if starts > 1 else 0
         self._penalty = ACTION_COST * self._standing_still() * np.eye(env.task.action_size)
         self._cost = self._tracking()
-        self.own = LinearGaussianController.constant(steps, self._size, env.task.action_size, std)
-        self._next = self.own  # of the next rollouts, as far as they can be foretold
         self.last: Improvement | None = None
         self._period = env.task.frame_every if isinstance(reward, FrameReward) else None
         self._iterations = 0
-        self._refined = -1 if reward.finer is None else max(int(REFINED * config.iterations), 1)
+        self._refined = -1 if reward.finer is None else max(int(REFINED * config.iterations), 1, self._apart)
         self._fresh = False
 
     @property
     def controller(self) -> LinearGaussianController:
         """What makes the next rollouts, on the whole state."""
-        return self._search.controller
+        return self._starts[self._turn].search.controller
+
+    @property
+    def own(self) -> LinearGaussianController:
+        """The controller on the robot's own observation, of the cheapest search's last rollouts."""
+        return self._cheapest().own
+
+    @property
+    def _turn(self) -> int:
+        return self._iterations % len(self._starts)
+
+    def _cheapest(self) -> Start:
+        return min(self._starts, key=lambda start: start.cost)
 
     def learn(self, total_timesteps: int, reset_num_timesteps: bool = False) -> GuidedPolicySearch:
         """One episode of every simulation, and one update; named and called as Stable-Baselines3's."""
@@ -101,14 +164,16 @@ class GuidedPolicySearch:
         rng = generator(self._seed, "gps", self._iterations)
         states, actions = self.rollouts(rng)
         least_std = self._least_std(self._iterations + 1)
-        ran = self.controller
-        self._search, self.last = iterate(
-            self._search, states, actions, self._cost, self._config.kl, rng, least_std, self._period
-        )
+        ran = self._starts[self._turn].search
+        search, self.last = iterate(ran, states, actions, self._cost, self._config.kl, rng, least_std, self._period)
         assert self.last.seen is not None
-        self.own = on_part(ran, self.last.seen, self._size)
-        self._next = on_part(self.controller, self.last.marginals, self._size)
+        own = on_part(ran.controller, self.last.seen, self._size)
+        following = on_part(search.controller, self.last.marginals, self._size)
+        cost = float(self._cost.of(states, actions).mean())
+        self._starts[self._turn] = Start(search, own, following, cost)
         self._iterations += 1
+        if self._iterations == self._apart:
+            self._starts = [self._cheapest()]
         self.num_timesteps += actions.shape[0] * actions.shape[1]
         return self
 
@@ -139,8 +204,9 @@ class GuidedPolicySearch:
         assert self._reward.finer is not None
         self._reward = self.env.reward = self._reward.finer
         self._cost = self._tracking()
-        lifted = self._next.lifted(self._size + self._reward.targets.shape[1])
-        self._search = Search(lifted.widened(self._least_std(self._iterations)))
+        (start,) = self._starts
+        lifted = start.next.lifted(self._size + self._reward.targets.shape[1])
+        self._starts = [replace(start, search=Search(lifted.widened(self._least_std(self._iterations))))]
 
     def _least_std(self, iterations: int) -> float:
         """Of actions, after so many iterations."""
@@ -160,16 +226,8 @@ class GuidedPolicySearch:
 
     def state(self) -> dict[str, Any]:
         """Everything that decides how learning goes on, as a tree of arrays and numbers."""
-        search = self._search
         return {
-            "controller": search.controller.arrays(),
-            "own": self.own.arrays(),
-            "next": self._next.arrays(),
-            "step": search.step,
-            "states": search.states,
-            "actions": search.actions,
-            "mixture": {} if search.mixture is None else dict(vars(search.mixture)),
-            "foretold": list(search.foretold or ()),
+            "starts": [start.state() for start in self._starts],
             "iterations": self._iterations,
             "samples": self.num_timesteps,
             "episode": self.env.episode,
@@ -177,19 +235,10 @@ class GuidedPolicySearch:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Put `state` back, bit for bit."""
+        self._starts = [Start.of(start) for start in state["starts"]]
         if 0 < self._refined < state["iterations"]:
             self._refine()
-        self._search = replace(
-            self._search,
-            controller=LinearGaussianController(**state["controller"]),
-            step=state["step"],
-            states=state["states"],
-            actions=state["actions"],
-            mixture=Mixture(**state["mixture"]) if state["mixture"] else None,
-            foretold=(state["foretold"][0], state["foretold"][1]) if state["foretold"] else None,
-        )
-        self.own = LinearGaussianController(**state["own"])
-        self._next = LinearGaussianController(**state["next"])
+            self._starts = [Start.of(start) for start in state["starts"]]
         self._iterations, self.num_timesteps = state["iterations"], state["samples"]
         if self._iterations:
             self.env.episode = state["episode"] - 1  # The running episode was drawn before: draw it again.

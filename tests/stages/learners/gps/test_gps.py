@@ -264,6 +264,53 @@ def test_a_learner_restored_before_or_behind_the_refinement_goes_on_bit_for_bit(
             np.testing.assert_array_equal(values, other.arrays()[name], err_msg=name)
 
 
+class TestStarts:
+    """Searches that begin apart; of 12 iterations six, two each."""
+
+    CONFIG = PolicyConfig(learner="gps", episodes=5, iterations=12, starts=3, kl=1.0, log_std=0.0)
+
+    def test_each_has_two_turns_and_the_cheapest_goes_on(self):
+        model = make_learner(self.CONFIG, environment(self.CONFIG), 5)
+        ran, done, rollouts = [], [], model.rollouts
+        model.rollouts = lambda rng: ran.append(model.controller) or done.append(rollouts(rng)) or done[-1]
+        found, costs, owns = [], [], []
+        for _ in range(6):
+            model.learn(0)
+            found.append(model.last)
+            costs.append(model._cost.of(*done[-1]).mean())
+            owns.append(on_part(ran[-1], model.last.seen, model.own.gains.shape[2]))
+            latest = range(max(len(costs) - 3, 0), len(costs))
+            cheapest = min(latest, key=costs.__getitem__)
+            np.testing.assert_array_equal(model.own.gains, owns[cheapest].gains)
+        assert len(set(costs[3:])) == 3
+        for k in range(3):
+            assert ran[k] is ran[0], "all begin with the same noise about zero"
+            assert ran[k + 3] is found[k].controller
+        assert cheapest != 5, "else what went on may be what ran last"
+        assert model.controller is found[cheapest].controller
+        for _ in range(2):
+            model.learn(0)
+            assert model.controller is model.last.controller
+
+    @pytest.mark.parametrize("done", [2, 5, 6, 7])
+    def test_restored_they_go_on_bit_for_bit(self, done):
+        task = Reach()
+        whole, begun, resumed = (
+            make_learner(self.CONFIG, environment(self.CONFIG, task, Coarse(task, context_of(task))), 4)
+            for _ in range(3)
+        )
+        for model, times in ((whole, 8), (begun, done)):
+            for _ in range(times):
+                model.learn(0)
+        assert isinstance(begun.env.reward, Coarse) == (done <= 6), "the finer target waits for one search"
+        restore_learner(resumed, unpack(*pack(learner_state(begun))))
+        for _ in range(8 - done):
+            resumed.learn(0)
+        for one, other in ((whole.own, resumed.own), (whole.controller, resumed.controller)):
+            for name, values in one.arrays().items():
+                np.testing.assert_array_equal(values, other.arrays()[name], err_msg=name)
+
+
 def test_an_interrupted_run_resumes_from_its_checkpoint_with_the_same_curve(tmp_path):
     def learn(env, name):
         out = tmp_path / f"{name}.policy.h5"
@@ -335,6 +382,9 @@ def test_refusals_are_one_line():
         ({"negatives": 5}, "--negatives"),
         ({"fine_blur": 3.0, "learner": "trpo"}, "--fine-blur 3 --learner trpo: expected --learner gps"),
         ({"fine_blur": 3.0, "patience": 5}, "--patience would take"),
+        ({"starts": 2, "learner": "trpo"}, "--starts 2 --learner trpo: expected --learner gps"),
+        ({"starts": 2, "iterations": 1}, "--starts 2 --iterations 1: expected an iteration for each start"),
+        ({"starts": 2, "patience": 5}, "--patience would take"),
     ],
 )
 def test_rewards_that_do_not_fit_are_refused_before_anything_is_read(tmp_path, options, message):
