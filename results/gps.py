@@ -2,7 +2,8 @@
 
     python results/gps.py
 
-The true state is the cost, or the reward: what each makes of 200 episodes in each of sixteen contexts. Finished
+The true state is the cost, or the reward: what each makes of 200 episodes in each of sixteen contexts, guided policy
+search also with three searches that begin apart. Finished
 artifacts, in runs/gps, are not made again; the page is of all evaluations in results/gps.
 """
 
@@ -22,12 +23,16 @@ HERE = Path(os.path.relpath(Path(__file__).parent))
 RUNS, EVALUATIONS = Path("runs/gps"), HERE / "gps"
 TASK = "push-real"
 OPTIONS = ("--reward", "oracle", "--ramp", "task", "--iterations", 20, "--episodes", 10)
-LEARNERS = ("gps", "trpo")
+LEARNERS = {
+    "gps": ("--learner", "gps"),
+    "starts": ("--learner", "gps", "--starts", 3),
+    "trpo": ("--learner", "trpo"),
+}
 
 
 def learn(translation: Path, learner: str, seed: int) -> Path:
     """One run and its evaluation."""
-    words = ("learn-policy", translation, "--learner", learner, *OPTIONS, "--workers", 1, "--resume")
+    words = ("learn-policy", translation, *LEARNERS[learner], *OPTIONS, "--workers", 1, "--resume")
     policy = ifo(*words, out=RUNS / f"{TASK}-{learner}-c{seed}.policy.h5")
     return ifo("evaluate", policy, "--workers", 1, out=EVALUATIONS / f"{stem_of(policy)}.evaluation.h5")
 
