@@ -12,7 +12,8 @@ from artifacts import stem_of
 from stages.methods import LEARNING, TRANSLATOR
 from stages.reporting.rows import Run
 
-ALWAYS = ("learner", "iterations", "episodes")  # of LEARNING, what matters to every reward
+ALWAYS = ("learner", "iterations", "episodes", "starts")  # of LEARNING, what matters to every reward
+UNRECORDED = {"starts": 1}  # of LEARNING, what runs had before it was an option
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,7 @@ def _told_apart_by_settings(runs: Sequence[Run]) -> list[Run]:
 def _settings(run: Run) -> dict[str, Any]:
     """Recorded options by name, the translator's with a word before them; what is not recorded is left out."""
     options = {name: run.recorded.get(name) for name in (LEARNING if run.translates else ALWAYS)}
+    options |= {name: value for name, value in UNRECORDED.items() if options[name] is None}
     options |= {f"translator {name}": run.translator.get(name) for name in TRANSLATOR}
     return {name: value for name, value in options.items() if value is not None}
 

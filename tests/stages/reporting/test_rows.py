@@ -104,6 +104,14 @@ def test_runs_of_other_settings_are_not_mixed(evaluation, runs_of, tmp_path):
     assert [item.paper for item in summarise(kept)] == [0.9, 0.85, None]
 
 
+def test_runs_from_before_an_option_had_what_was_then_the_only_way(evaluation, runs_of):
+    before = evaluation("before", (0.4, 0.4), methods=("oracle",))
+    nothing = evaluation("nothing", (0.4,), methods=("oracle",), starts=None, first_seed=1)
+    three = evaluation("three", (0.1,), methods=("oracle",), starts=3)
+    kept, duplicates = count_once(runs_of(before, nothing, three))
+    assert [run.method for run in kept] == [*["oracle"] * 3, "oracle, starts 3"] and not duplicates
+
+
 def test_older_evaluations_that_differ_in_their_policies_alone_are_told_apart(evaluation, runs_of, tmp_path):
     whole = evaluation("whole", (0.1,), old=True, parents=[policy(tmp_path, "whole", 1)])
     random = evaluation("random", (0.9,), old=True, parents=[policy(tmp_path, "random", 2)])
