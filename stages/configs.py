@@ -185,7 +185,8 @@ class PolicyConfig(LearnerConfig):
     )
     fine_blur: float = option(
         0.0,
-        "With --learner gps, the blur from a third of the iterations on, when the target is near (0: --blur, always).",
+        "With --learner gps, the blur from a third of the iterations on, when the target is near (0: --blur, always); "
+        "with --starts, from when one search is left.",
         low=0,
         high=100,
     )

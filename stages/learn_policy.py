@@ -117,7 +117,8 @@ def _check(config: PolicyConfig) -> None:
             f"--fine-blur {config.fine_blur:g} --learner {config.learner}: expected --learner gps, which alone has a "
             "finer target; leave --fine-blur out"
         )
-    if config.fine_blur and config.patience and config.reward in ("translation", "video"):
+    refines = config.fine_blur and config.reward in ("translation", "video") and "img" not in config.without
+    if refines and config.patience:
         raise UsageError(
             "--fine-blur changes the reward on the way: --patience would take it for a flat one; give --fine-blur 0, "
             "or leave --patience out"
@@ -136,8 +137,10 @@ def _check_starts(config: PolicyConfig) -> None:
     given = f"--starts {config.starts}"
     if config.learner not in LOCAL_LEARNERS:
         raise UsageError(f"{given} --learner {config.learner}: expected --learner gps, whose searches are local ones")
-    if config.starts > config.iterations:
-        raise UsageError(f"{given} --iterations {config.iterations}: expected an iteration for each start, or more")
+    if 2 * config.starts > config.iterations:
+        raise UsageError(
+            f"{given} --iterations {config.iterations}: expected at least {2 * config.starts} iterations, two for each"
+        )
     if config.patience:
         raise UsageError(
             f"{given} makes a curve of several searches that take turns: --patience would take it for a flat one; "

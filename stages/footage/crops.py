@@ -54,6 +54,8 @@ def read_crops(path: Path, sources: Sequence[Source]) -> tuple[list[Crop], list[
                 crop = _crop([row[name] or "" for name in COLUMNS[1:]])
                 if crop is None:
                     raise ArtifactError(f"{path}, line {reader.line_num}: expected x,y,w,h in whole pixels")
+                if not row["video"] or "\0" in row["video"]:
+                    raise ArtifactError(f"{path}, line {reader.line_num}: expected a video's name")
                 if rows.setdefault(row["video"], crop) is not crop:
                     raise ArtifactError(f"{path}, line {reader.line_num}: a second row for {row['video']}: keep one")
     except OSError as error:

@@ -38,19 +38,18 @@ def choose_frames(footage: Footage, wanted: Segment) -> tuple[np.ndarray, int]:
         ArtifactError: The video does not reach over the segment, or shows one frame there.
     """
     label, times, duration = footage.label, footage.times, footage.duration
-    frame_time = duration - times[-1]
     if len(times) < 2:
         raise ArtifactError(f"{label}: holds a single frame: expected a video")
     if wanted.start >= duration:
         raise ArtifactError(f"{label}: lasts {duration:.2f} s, which is not beyond --start {wanted.start:g}")
-    if wanted.end > duration + frame_time + ROUNDING:
+    if wanted.end > duration + ROUNDING:
         raise ArtifactError(f"{label}: lasts {duration:.2f} s, less than --end {wanted.end:g}")
     if wanted.fps:
         at = wanted.start + np.arange(wanted.frames) / wanted.fps
     else:
         at = np.linspace(wanted.start, wanted.end or max(times[-1], wanted.start), wanted.frames)
     behind = int((at >= duration - ROUNDING).sum()) if wanted.fps else 0
-    if footage.cut and (behind or not (wanted.end or wanted.fps)):
+    if footage.cut and (behind or wanted.end > times[-1] + ROUNDING or not (wanted.end or wanted.fps)):
         raise ArtifactError(
             f"{label}: {footage.cut}: get the whole file, or take a segment that is there, up to "
             f"{times[-1]:.2f} s, with --end"

@@ -1,7 +1,7 @@
 """The paper's baseline without translation: track features of a network that was trained on ImageNet (Sec. VI.B).
 
-R(o_t) = -mean_d ((phi_d(o_t) - mu_td) / sigma_td)^2, with mean mu and spread sigma over the demonstrations, taken at
-the same time in their own contexts.
+R(o_t) = -w_t / T mean_d ((phi_d(o_t) - mu_td) / sigma_td)^2, with mean mu and spread sigma over the demonstrations,
+taken at the same time in their own contexts, and the ramp's weight w_t.
 """
 
 from __future__ import annotations

@@ -75,8 +75,8 @@ class OracleReward(StateReward):
 class GoalReward(OracleReward):
     """The oracle for a learner of quadratic costs: beside its return, the task's error as a vector, to track zero.
 
-    The cost is the squared error over that of the context's own start, at every control step. A quadratic cost in the
-    last step alone would leave the way there to the penalty on actions.
+    The cost is half the squared error over that of the context's own start, at every control step. A quadratic cost in
+    the last step alone would leave the way there to the penalty on actions.
     """
 
     def __init__(self, task: Task, contexts: Contexts):

@@ -63,9 +63,9 @@ class Rollout:
 
     Attributes:
         qpos: Joint positions (n, control_steps + 1, nq).
-        distance: Distance to the goal at every control step (n, control_steps + 1), metres.
-        initial_distance: Distance to the goal at the start (n,), metres.
-        final_distance: Distance to the goal at the end (n,), metres.
+        distance: Distance to the goal at every control step (n, control_steps + 1), as `Task.distance` has it.
+        initial_distance: That of the start (n,).
+        final_distance: That of the end (n,).
     """
 
     qpos: np.ndarray

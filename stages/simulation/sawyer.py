@@ -70,7 +70,7 @@ def add_sawyer(root: mjcf.RootElement, base: tuple[float, float, float]) -> mjcf
     """Add the arm, its foot at `base`, metres; returns the body of what holds a tool: its z axis points away.
 
     Gravity does not pull at it, as the robot's own controller has it. Damping is such that an action of 1 brings a
-    joint to its published speed.
+    joint to 95% of its published speed: dry friction takes the rest.
     """
     parent = root.worldbody.add("body", name="base", pos=base, gravcomp=1)
     parent.add(

@@ -22,8 +22,8 @@ class State:
     """Where `n` simulations are.
 
     Attributes:
-        qpos: Joint positions (n, nq), radians.
-        qvel: Joint velocities (n, nv), radians a second.
+        qpos: Joint positions (n, nq), radians, or metres of what slides.
+        qvel: Joint velocities (n, nv), the same a second.
         site_xpos: World positions of the model's sites (n, nsite, 3), metres.
         time: Time since the episode's start (n,), seconds.
         ctrl: The action that led here (n, nu), zeros at the start.
@@ -151,12 +151,16 @@ class Task(ABC):
 
     @abstractmethod
     def distance(self, state: State, contexts: Contexts) -> np.ndarray:
-        """Distance (n,) of the task's object to its goal, metres (tasks of the suite: 1 - reward)."""
+        """Distance (n,) of the task's object to its goal, metres.
+
+        Of household tasks with many pieces the share of them that is not there yet; of the suite's tasks 1 - reward.
+        """
 
     def goal_error(self, state: State, contexts: Contexts) -> np.ndarray:
         """How far from done, as a vector (n, m) that is zero once all is done: for learners of quadratic costs.
 
-        The squared norm of its first part is the squared distance; what must be done on the way may follow.
+        The squared norm of its first part is the squared distance, in metres also where the task counts pieces (then
+        their mean squared one); what must be done on the way may follow.
 
         Raises:
             UsageError: The task does not say.

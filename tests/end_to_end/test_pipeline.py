@@ -97,8 +97,10 @@ def test_a_report_tells_of_the_whole_pipeline(toy, ifo, tmp_path):
         ("--reward", "joints"),
         ("--learner", "ppo"),
         ("--learner", "gps"),
+        ("--learner", "gps", "--fine-blur", "2"),
+        ("--learner", "gps", "--reward", "pretrained", "--layer", "block2"),
     ],
-    ids=lambda option: option[1],
+    ids=lambda option: " ".join(option[1:]),
 )
 def test_other_rewards_and_learners(toy, ifo, tmp_path, option):
     out = tmp_path / "other.policy.h5"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -185,6 +186,7 @@ def test_segments(ifo, folder, name, words, expected):
     ("words", "complaint"),
     [
         (["--start", 2.5], "not beyond --start"),
+        (["--end", 2.51], "lasts 2.50 s, less than --end 2.51"),
         (["--end", 4], "less than --end 4"),
         (["--start", 0.51, "--end", 0.59], "single frame"),
         (["--crop", "30,0,48,48"], "reaches beyond its picture of 64x48"),
@@ -201,6 +203,10 @@ def test_what_is_left_of_a_truncated_video_can_be_used(ifo, folder, name):
     assert code == 0 and "truncated or damaged, but whole where" in said
     assert numbers(result["path"])[name] == [0, 1, 2, 3, 4, 5, 6]
     assert ifo(folder / name, "--fps", 3)[0] == 3
+    there = float(re.search(r"up to (\d+\.\d+) s", ifo(folder / name)[2]).group(1))
+    assert ifo(folder / name, "--end", there)[0] == 0
+    code, _, said = ifo(folder / name, "--end", there + 0.02)
+    assert code == 3 and ("a segment that is there" in said or "less than --end" in said)
 
 
 def test_images_in_natural_order(ifo, tmp_path):
@@ -245,6 +251,8 @@ def test_crops(ifo, folder, tmp_path):
         ("video,x,y,w,h\na,1,2,3\n", "line 2: expected x,y,w,h"),
         ("video,x,y,w,h\na,1,2,3,0\n", "line 2: expected x,y,w,h"),
         ("video,x,y,w,h\na,1,2,3,4\na,1,2,3,4\n", "second row for a"),
+        ("x,y,w,h,video\n1,2,3,4\n", "line 2: expected a video's name"),
+        ("video,x,y,w,h\na\0b,1,2,3,4\n", "line 2: expected a video's name"),
         ("\xff", "no CSV in UTF-8"),
     ],
 )

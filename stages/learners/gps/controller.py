@@ -43,6 +43,12 @@ class LinearGaussianController:
         steps, action_size = made.offsets.shape
         if made.gains.shape[:2] != (steps, action_size) or made.covariances.shape != (steps, action_size, action_size):
             raise ValueError(f"gains {made.gains.shape}, offsets {made.offsets.shape}: not of one controller")
+        if not steps:
+            raise ValueError("no control step")
+        if not all(np.isfinite(array).all() for array in made.arrays().values()):
+            raise ValueError("not all of its numbers are finite")
+        if not np.allclose(made.covariances, made.covariances.swapaxes(1, 2)):
+            raise ValueError("a covariance is not symmetric")
         np.linalg.cholesky(made.covariances)
         return made
 

@@ -32,14 +32,15 @@ from stages.seeding import generator
 from stages.simulation.task import State, Task
 
 MOST_STEPS = 200  # control steps an episode: over many more, errors of the dynamics add up to nonsense
-# R of a cost of actions 1/2 R |u|^2, over what standing still costs a control step. Linear dynamics know of no limits
-# to the motors: where actions cost little, updates ask for a hundred times what there is, and learn little from it.
+# R of a cost of actions 1/2 R |u|^2, over what standing still costs a control step, of the target tracked first.
+# Linear dynamics know of no limits to the motors: where actions cost little, updates ask for a hundred times what there
+# is, and learn little from it.
 ACTION_COST = 0.2
 # Log of the least standard deviation of actions, if the first one is not less, falling to none in the last iteration:
 # an update that sees no way to move an object leaves hardly any noise, and then none is found; and the bound on the KL
 # divergence lets a controller move little farther than its noise goes.
 EXPLORATION = -1.2
-REFINED = 1 / 3  # of the iterations, after which what is finer is tracked
+REFINED = 1 / 3  # of the iterations, after which what is finer is tracked, once one search is left
 APART = 1 / 2  # of the iterations, at most, in which several searches take turns
 
 
@@ -131,7 +132,7 @@ class GuidedPolicySearch:
         own = LinearGaussianController.constant(steps, self._size, env.task.action_size, std)
         starts = config.starts if isinstance(config, PolicyConfig) else 1
         self._starts = [Start(Search(first), own, own)] * starts
-        self._apart = starts * max(int(APART * config.iterations / starts), 1) if starts > 1 else 0
+        self._apart = starts * int(APART * config.iterations / starts) if starts > 1 else 0
         self._penalty = ACTION_COST * self._standing_still() * np.eye(env.task.action_size)
         self._cost = self._tracking()
         self.last: Improvement | None = None

@@ -59,7 +59,7 @@ def test_the_arm_has_sawyers_proportions():
         assert tuple(task.model.joint(joint).range) == link.limits
 
 
-def test_an_action_of_one_brings_a_joint_to_its_published_speed():
+def test_an_action_of_one_brings_a_joint_to_95_percent_of_its_published_speed():
     task = PushReal()
     data = mujoco.MjData(task.model)
     index = JOINTS.index("right_j6")
@@ -68,7 +68,7 @@ def test_an_action_of_one_brings_a_joint_to_its_published_speed():
     for _ in range(200):
         mujoco.mj_step(task.model, data)
         data.qpos[: task.driven] = task.initial  # Held where it is: limits do not stop it.
-    assert data.qvel[index] == pytest.approx(LINKS[index].speed, rel=0.1)
+    assert data.qvel[index] == pytest.approx(0.95 * LINKS[index].speed, rel=0.02)
 
 
 def test_people_do_what_they_show(task, shown):

@@ -25,13 +25,13 @@ def test_a_known_mixture_is_found():
     true, points = drawn()
     found, _ = fit_mixture(points, 3, np.random.default_rng(1))
     assert found.log_likelihood(points) > true.log_likelihood(points) - 1
-    _, fresh = drawn()
     order = [int(np.linalg.norm(found.means - mean, axis=1).argmin()) for mean in true.means]
     assert sorted(order) == [0, 1, 2]
     np.testing.assert_allclose(found.weights[order], true.weights, atol=0.03)
     np.testing.assert_allclose(found.means[order], true.means, atol=0.15)
     np.testing.assert_allclose(found.covariances[order], true.covariances, atol=0.15 * true.covariances.max())
-    assert found.responsibilities(fresh).sum(axis=1).round(9).tolist() == [1.0] * len(fresh)
+    belongs = np.array(order)[true.responsibilities(points).argmax(axis=1)]
+    assert (found.responsibilities(points).argmax(axis=1) == belongs).mean() > 0.97
 
 
 def test_no_step_lowers_the_objective_even_with_too_many_clusters_or_a_dead_dimension():

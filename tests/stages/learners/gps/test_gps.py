@@ -166,6 +166,9 @@ def test_a_policy_file_of_the_wrong_sizes_is_refused(tmp_path):
     arrays = LinearGaussianController.constant(50, 5, 3, 1.0).arrays()
     cases = [(arrays, "expected"), ({"gains": arrays["gains"]}, "no controller")]
     cases.append(({**arrays, "covariances": -arrays["covariances"]}, "no controller"))
+    cases.append(({**arrays, "offsets": arrays["offsets"] * np.nan}, "no controller .*finite"))
+    cases.append(({**arrays, "covariances": arrays["covariances"] + np.triu(np.ones((3, 3)), 1)}, "symmetric"))
+    cases.append(({name: values[:0] for name, values in arrays.items()}, "no control step"))
     for k, (broken, message) in enumerate(cases):
         weights = {f"weights/{name}": values for name, values in broken.items()}
         path = write_artifact(tmp_path / f"{k}.policy.h5", "policy", weights, config=config, seed=0, command="ifo")
@@ -337,7 +340,7 @@ def test_an_interrupted_run_resumes_from_its_checkpoint_with_the_same_curve(tmp_
         np.testing.assert_array_equal(values, parts[name])
 
 
-@pytest.mark.parametrize("name", ["reach", "push", "sweep", "strike"])
+@pytest.mark.parametrize("name", ["reach", "push", "sweep", "strike", "push-real"])
 def test_errors_of_tasks_have_the_distance_as_norm(name):
     """Their first part, that is, at the start; in sweep ball by ball."""
     task = make_task(name)
@@ -383,7 +386,7 @@ def test_refusals_are_one_line():
         ({"fine_blur": 3.0, "learner": "trpo"}, "--fine-blur 3 --learner trpo: expected --learner gps"),
         ({"fine_blur": 3.0, "patience": 5}, "--patience would take"),
         ({"starts": 2, "learner": "trpo"}, "--starts 2 --learner trpo: expected --learner gps"),
-        ({"starts": 2, "iterations": 1}, "--starts 2 --iterations 1: expected an iteration for each start"),
+        ({"starts": 2, "iterations": 3}, "--starts 2 --iterations 3: expected at least 4 iterations"),
         ({"starts": 2, "patience": 5}, "--patience would take"),
     ],
 )
