@@ -168,6 +168,8 @@ def playback(rng: np.random.Generator, n: int, frames: int, jitter: float) -> np
 def _check_footage(config: DemosConfig, out: Path) -> None:
     """Refuse to film into a folder that is there, or that the artifact is to lie in."""
     folder = Path(config.videos)
+    if config.crf != DemosConfig.crf and not config.videos:
+        raise UsageError(f"--crf {config.crf} is the quality of the footage: give --videos, too")
     if config.videos and folder.exists():
         raise UsageError(f"--videos {folder}: exists already: remove it, or give another name")
     if config.videos and folder.resolve() in out.resolve().parents:

@@ -10,6 +10,7 @@ import numpy as np
 from artifacts import (
     Artifact,
     ArtifactError,
+    UsageError,
     default_path,
     read_artifact,
     sibling,
@@ -44,6 +45,9 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     from stages.threads import use_threads
 
     choose_backend()
+    twice = [path for k, path in enumerate(policies) if path.resolve() in {other.resolve() for other in policies[:k]}]
+    if twice:
+        raise UsageError(f"{twice[0]}: given twice: expected each policy once, or the intervals are too narrow")
     sources = [read_artifact(path, "policy") for path in policies]
     names = sorted({source.config["task"] for source in sources})
     if len(names) > 1:

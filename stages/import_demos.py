@@ -181,6 +181,7 @@ def import_demos(paths: Sequence[Path], config: ImportConfig, run: RunOptions, p
     _check_not_an_input(out, sources)
     if preview:
         return _write_preview(importer, sources, out, run)
+    _compare_with_task(config, importer.size, run)
     height, width = importer.size
     videos = np.empty((len(sources), config.frames, height, width, 3), np.uint8)
     times: list[np.ndarray] = []
@@ -210,6 +211,23 @@ def import_demos(paths: Sequence[Path], config: ImportConfig, run: RunOptions, p
     )
     summary = {"demos": len(times), "skipped": importer.skipped, "frames": len(times) * config.frames}
     return StageResult(out, summary | write_overview(out, videos))
+
+
+def _compare_with_task(config: ImportConfig, size: tuple[int, int], run: RunOptions) -> None:
+    """Say where the learner's own videos are others: better now than after the translator was trained."""
+    if not config.task:
+        return
+    from stages.simulation.gl import choose_backend
+    from stages.simulation.tasks import make_task
+
+    choose_backend(required=False)
+    task = make_task(config.task)
+    if (config.frames, *size) != (task.frames, *task.frame_size):
+        height, width = task.frame_size
+        run.progress.say(
+            f"{task.name} has {task.frames} frames of {width}x{height} pixels: ifo translate takes these for a "
+            "--context-image alone"
+        )
 
 
 def parse_size(text: str) -> tuple[int, int]:

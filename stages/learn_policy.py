@@ -98,6 +98,9 @@ def _check(config: PolicyConfig) -> None:
         raise UsageError(
             f"--without {config.without[0]}: expected --reward translation or video, which has such a term"
         )
+    if config.reward != "pretrained" and (config.weights or config.layer != PolicyConfig.layer):
+        given = f"--weights {config.weights}" if config.weights else f"--layer {config.layer}"
+        raise UsageError(f"{given} --reward {config.reward}: expected --reward pretrained, whose network that is")
     if set(config.without) >= set(REWARD_TERMS):
         raise UsageError("--without feat --without img leaves no reward to learn from: keep one of the two")
     if config.negatives and (config.reward != "translation" or "feat" in config.without):

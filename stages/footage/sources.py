@@ -80,7 +80,8 @@ def find_videos(path: Path) -> list[Source]:
             if not path.is_file():
                 raise ArtifactError(f"{path}: is no ordinary file: expected a video, or a folder of videos or images")
             return [Source(path)]
-        files = sorted((file for file in path.iterdir() if file.is_file()), key=natural_order)
+        # A link to nothing is a file that cannot be read, which is said where it is opened.
+        files = sorted((file for file in path.iterdir() if file.is_file() or not file.exists()), key=natural_order)
     except OSError as error:
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error
     files = [file for file in files if not file.name.startswith(".")]

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import re
 import time
 from pathlib import Path
 
 import numpy as np
 
-from artifacts import sibling
+from artifacts import UsageError, sibling
 from stages.board import TensorBoard
 from stages.checkpoints import Checkpoints
 from stages.configs import LearnerConfig
 from stages.learners.algorithms import Learner, learner_state, make_learner, restore_learner
 from stages.learners.environment import EpisodeEnv
 from stages.learners.gps.learner import GuidedPolicySearch
+from stages.learners.policy import policy_weights
 from stages.run import RunOptions
 from stages.seeding import integer
 
@@ -40,10 +42,11 @@ def learn(
         reward, `normalised_distance` (mean over the iteration's episodes), `success` and `action_std`.
 
     Raises:
-        UsageError: The checkpoint was written under another configuration or seed.
+        UsageError: The checkpoint was written under another configuration or seed, or learning has diverged.
         Interrupted: By the keyboard; the checkpoint was kept.
     """
-    model = make_learner(config, env, integer(run.seed, "learner"))
+    with np.errstate(all="ignore"):  # What it comes to is looked at after the first iteration.
+        model = make_learner(config, env, integer(run.seed, "learner"))
     curve: Curve = {}
     done = 0
     if (state := checkpoints.start()) is not None:
@@ -60,7 +63,7 @@ def learn(
             bar.update(done)
             while done < config.iterations and not is_flat(curve.get("return", []), config.patience):
                 start = time.monotonic()
-                model.learn(samples, reset_num_timesteps=False)
+                _learn_once(model, samples, done)
                 done += 1
                 env.reward.iterate()
                 distances = env.pop_distances()
@@ -87,6 +90,33 @@ def learn(
     if done < config.iterations:
         run.progress.say(f"{stage}: stopped after {done} iterations, the return has been flat for {config.patience}")
     return model, curve
+
+
+def _learn_once(model: Learner, samples: int, done: int) -> None:
+    """One iteration.
+
+    Raises:
+        UsageError: The numbers that it computes with are no finite ones any more.
+    """
+    try:
+        with np.errstate(all="ignore"):
+            model.learn(samples, reset_num_timesteps=False)
+        finite = is_finite(model)
+    except ValueError as error:  # What NumPy, SciPy and torch raise about such numbers.
+        told = isinstance(error, np.linalg.LinAlgError) or re.search(r"\b(inf|nan)s?\b", str(error), re.IGNORECASE)
+        if is_finite(model) and not told:
+            raise
+        finite = False
+    if not finite:
+        raise UsageError(
+            f"iteration {done + 1} left no finite numbers to go on with: give a smaller --kl, --critic-rate, --log-std "
+            "or weight of the reward"
+        )
+
+
+def is_finite(model: Learner) -> bool:
+    """Whether the policy's weights are numbers to compute with."""
+    return all(np.isfinite(values).all() for values in policy_weights(model).values())
 
 
 def is_flat(returns: list[float], patience: int) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from artifacts import sibling
+from artifacts import UsageError, sibling
 from stages.board import TensorBoard
 from stages.checkpoints import Checkpoints
 from stages.configs import LOSSES, TranslatorConfig
@@ -243,6 +243,7 @@ def train(
 
     Raises:
         Interrupted: By the keyboard; the checkpoint was kept.
+        UsageError: Where it is measured, the training has diverged.
     """
     config = training.config
     curve: dict[str, list[float]] = {}
@@ -260,6 +261,11 @@ def train(
 
     def measure(losses: dict[str, Tensor]) -> None:
         nonlocal before, since
+        if not all(math.isfinite(value) for value in losses.values()):
+            raise UsageError(
+                f"--learning-rate {config.learning_rate:g}: after {training.step} steps the losses are no finite "
+                "numbers any more: train with a lower one"
+            )
         held.update({f"held_out/{name}": value for name, value in evaluate(training.average).items()})
         times = {"step": float(training.step), "seconds": spent()}
         before, since = 0.0, time.monotonic()

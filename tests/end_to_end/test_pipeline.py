@@ -111,6 +111,27 @@ def test_other_rewards_and_learners(toy, ifo, tmp_path, option):
     assert np.isfinite(curve).all()
 
 
+@pytest.mark.parametrize(
+    ("stage", "reads", "words", "told"),
+    [
+        ("train-translator", "demos", ("--learning-rate", 10), "--learning-rate 10: after"),
+        ("learn-policy", "translation", ("--kl", 1e30), "iteration 1 left no finite numbers"),
+        ("learn-policy", "translation", ("--learner", "gps", "--log-std", 1000), "iteration 1 left no finite numbers"),
+    ],
+)
+def test_what_diverges_is_told_and_not_kept(toy, ifo, tmp_path, stage, reads, words, told):
+    out = tmp_path / f"x.{stage}.h5"
+    done = ifo(toy.folder, stage, toy.artifact(reads), *words, "--quiet", "--out", out)
+    assert (done.returncode, done.stdout) == (2, "") and not out.exists()
+    assert done.stderr.startswith(f"ifo: {told}") and done.stderr.count("\n") == 1
+
+
+def test_a_policy_given_twice_is_refused(toy, ifo, tmp_path):
+    policy = toy.artifact("policy")
+    done = ifo(toy.folder, "evaluate", policy, policy, "--out", tmp_path / "x.evaluation.h5")
+    assert done.returncode == 2 and "given twice" in done.stderr and not any(tmp_path.iterdir())
+
+
 def test_demonstrations_in_the_learners_own_context(toy, ifo, tmp_path):
     out = tmp_path / "own.demos.h5"
     words = ("collect-demos", "reach", "--preset", "toy", "--expert", toy.artifact("expert"), "--context-seed", 0)

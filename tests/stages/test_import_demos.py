@@ -197,6 +197,23 @@ def test_a_video_that_does_not_reach_is_left_out(ifo, folder, words, complaint):
     assert code == 3 and complaint in said and said.splitlines()[-1].startswith("ifo: none of 1 videos")
 
 
+def test_a_link_to_nothing_is_named_and_counted(ifo, folder, tmp_path):
+    videos = tmp_path / "videos"
+    videos.mkdir()
+    (videos / "here.mp4").symlink_to(folder / "b-frames.mp4")
+    (videos / "gone.mp4").symlink_to(tmp_path / "nothing.mp4")
+    code, result, said = ifo(videos)
+    assert code == 0 and [Path(skipped["name"]).name for skipped in result["skipped"]] == ["gone.mp4"]
+    assert f"skipped {videos / 'gone.mp4'}" in said
+    assert ifo(videos, "--strict")[0] == 3
+
+
+def test_videos_that_the_tasks_learner_does_not_have_are_told_of(ifo, folder):
+    assert "push-real has" not in ifo(folder / "b-frames.mp4", "--task", "push-real", frames=25)[2]
+    code, _, said = ifo(folder / "b-frames.mp4", "--task", "push-real", frames=7)
+    assert code == 0 and "push-real has 25 frames of 48x48 pixels" in said
+
+
 @pytest.mark.parametrize("name", ["truncated.mp4", "truncated.mkv"])
 def test_what_is_left_of_a_truncated_video_can_be_used(ifo, folder, name):
     code, result, said = ifo(folder / name, "--end", 0.6)

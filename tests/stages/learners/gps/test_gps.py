@@ -385,6 +385,11 @@ def test_refusals_are_one_line():
         ({"negatives": 5}, "--negatives"),
         ({"fine_blur": 3.0, "learner": "trpo"}, "--fine-blur 3 --learner trpo: expected --learner gps"),
         ({"fine_blur": 3.0, "patience": 5}, "--patience would take"),
+        ({"layer": "block2"}, "--layer block2 --reward translation: expected --reward pretrained"),
+        (
+            {"weights": "none.pth", "reward": "oracle"},
+            "--weights none.pth --reward oracle: expected --reward pretrained",
+        ),
         ({"starts": 2, "learner": "trpo"}, "--starts 2 --learner trpo: expected --learner gps"),
         ({"starts": 2, "iterations": 3}, "--starts 2 --iterations 3: expected at least 4 iterations"),
         ({"starts": 2, "patience": 5}, "--patience would take"),
