@@ -96,10 +96,10 @@ def _key_figures(artifact: Artifact) -> dict[str, Any]:
 
 
 def _lineage(artifact: Artifact) -> Iterator[dict[str, Any]]:
-    """Ancestors, depth first; one that is gone or unreadable ends its branch and is said to be so."""
+    """Ancestors, depth first; one that is gone, unreadable or another ends its branch and is said to be so."""
     from artifacts import ancestors
 
-    for item in ancestors(artifact):
+    for item in ancestors(artifact, check=True):
         entry = {"depth": item.depth, "kind": item.parent.kind, "path": str(item.path), "state": item.state}
         if item.artifact is None:
             yield {**entry, "problem": item.problem}

@@ -6,8 +6,10 @@ import dataclasses
 import difflib
 import json
 import math
+import os
 import shlex
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -131,8 +133,9 @@ def _run(
         try:
             result = call(config, run, paths)
         except UsageError:
-            for folder in made:
-                folder.rmdir()
+            with suppress(OSError):  # What diverged on the way has left its curve there.
+                for folder in made:
+                    folder.rmdir()
             raise
     if not processes.main:
         return
@@ -177,6 +180,8 @@ def _make_folder(out: Path | None) -> list[Path]:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise PlatformError(f"--out {out}: its folder cannot be made ({error.strerror})") from error
+    if not os.access(out.parent, os.W_OK | os.X_OK):
+        raise PlatformError(f"--out {out}: its folder cannot be written: choose another place")
     return missing
 
 

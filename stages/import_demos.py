@@ -125,13 +125,21 @@ class Importer:
             indices, _ = choose_frames(footage, self.segment)
             with closing(footage.pictures(indices[:1])) as pictures:
                 _, picture = next(pictures)
-            return preview_cell(picture, self._crop_of(source, picture), f"{source.path.name} {source.part}".rstrip())
+            crop = self._chosen_crop(source, picture)
+            try:
+                check_crop(crop, picture.shape[:2], source.label)
+            except ArtifactError as error:  # To see where it lies is what a preview is for.
+                self._run.progress.say(str(error))
+            return preview_cell(picture, crop, f"{source.path.name} {source.part}".rstrip())
         except ArtifactError as error:
             self._skip(source.label, error)
             return None
 
+    def _chosen_crop(self, source: Source, picture: np.ndarray) -> Crop:
+        return self._crop or self._crops.get(source.path) or centred_crop(picture.shape[:2], self.size)
+
     def _crop_of(self, source: Source, picture: np.ndarray) -> Crop:
-        crop = self._crop or self._crops.get(source.path) or centred_crop(picture.shape[:2], self.size)
+        crop = self._chosen_crop(source, picture)
         check_crop(crop, picture.shape[:2], source.label)
         return crop
 

@@ -83,7 +83,7 @@ def check_crop(crop: Crop, picture: tuple[int, int], label: str) -> None:
     if crop.x + crop.w > picture[1] or crop.y + crop.h > picture[0]:
         raise ArtifactError(
             f"{label}: the crop {','.join(map(str, crop))} reaches beyond its picture of {picture[1]}x{picture[0]} "
-            "pixels: choose it with --preview"
+            "pixels: look at it with --preview"
         )
 
 

@@ -24,8 +24,13 @@ def preview_cell(picture: np.ndarray, crop: Crop, name: str) -> np.ndarray:
     scale = min(CELL[0] / height, CELL[1] / width)
     size = max(round(width * scale), 1), max(round(height * scale), 1)
     small = cv2.resize(np.ascontiguousarray(picture), size, interpolation=cv2.INTER_AREA)
-    corner = round(crop.x * scale), round(crop.y * scale)
-    opposite = round((crop.x + crop.w) * scale) - 1, round((crop.y + crop.h) * scale) - 1
+    far = 2 * max(CELL)  # where a crop that reaches beyond the picture ends, out of sight
+
+    def at(x: int, y: int) -> tuple[int, int]:
+        return round(min(x * scale, far)), round(min(y * scale, far))
+
+    corner = at(crop.x, crop.y)
+    opposite = tuple(place - 1 for place in at(crop.x + crop.w, crop.y + crop.h))
     for colour, line in LINES:
         cv2.rectangle(small, corner, opposite, colour, line)
     cell = np.full((*CELL, 3), GROUND, np.uint8)

@@ -93,8 +93,7 @@ def _read(path: Path) -> dict[str, Tensor]:
     try:
         state = torch.load(path, map_location="cpu", weights_only=True)
     except DAMAGED as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise UsageError(f"--weights {path}: expected a file of tensors ({reason})") from error
+        raise UsageError(f"--weights {path}: expected a file of tensors, as torch.save writes a state_dict") from error
     if not isinstance(state, dict) or not all(isinstance(value, Tensor) for value in state.values()):
         raise UsageError(f"--weights {path}: expected names and tensors (a state_dict), found other things")
     return state

@@ -32,6 +32,16 @@ def test_inspect_says_missing(run_ifo, family):
     assert code == 0 and "missing" in out
 
 
+def test_inspect_says_changed_and_tells_nothing_of_the_new_file(run_ifo, family, make):
+    _, translator, translation = family
+    make("translator", parents=[family[0]], seed=77)
+    assert json.loads(run_ifo("inspect", translator, "--json")[1])["seed"] == 77
+    report = json.loads(run_ifo("inspect", "--json", translation)[1])
+    (changed,) = report["lineage"]
+    assert changed["state"] == "changed" and "seed" not in changed
+    assert run_ifo("inspect", translation)[1].rstrip().endswith("changed")
+
+
 def test_inspect_json(run_ifo, family):
     code, out, _ = run_ifo("inspect", "--json", stdin=f"{family[2]}\n")
     report = json.loads(out)

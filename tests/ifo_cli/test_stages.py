@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from artifacts import Interrupted, PlatformError
+from artifacts import Interrupted, PlatformError, UsageError
 from stages.presets import PRESETS
 
 ROOT = Path(__file__).parents[2]
@@ -188,6 +188,23 @@ def test_errors_of_stages(run_ifo, calls, monkeypatch, error, code, line):
 
     monkeypatch.setattr(sys.modules["stages.train_expert"], "train_expert", fail)
     assert run_ifo("train-expert", "reach") == (code, "", line)
+
+
+def test_what_a_stage_left_before_it_refused_stays(run_ifo, calls, monkeypatch, tmp_path):
+    def fail(_, __, run):
+        (run.out.parent / "curve").write_text("numbers that diverged")
+        raise UsageError("no finite numbers")
+
+    monkeypatch.setattr(sys.modules["stages.train_expert"], "train_expert", fail)
+    out = tmp_path / "new" / "x.expert.h5"
+    assert run_ifo("train-expert", "reach", "--out", out) == (2, "", "ifo: no finite numbers\n")
+    assert [path.name for path in out.parent.iterdir()] == ["curve"]
+
+
+def test_a_folder_that_cannot_be_written_is_told_of_before_the_work(run_ifo, calls, monkeypatch, tmp_path):
+    monkeypatch.setattr("os.access", lambda path, mode: path != tmp_path)
+    code, out, err = run_ifo("train-expert", "reach", "--out", tmp_path / "x.expert.h5")
+    assert (code, out) == (4, "") and "x.expert.h5: its folder cannot be written" in err and not calls
 
 
 def test_a_bug_shows_its_traceback(run_ifo, calls, monkeypatch):

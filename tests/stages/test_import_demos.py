@@ -287,6 +287,13 @@ def test_preview_shows_the_crop_and_writes_nothing_else(ifo, folder, tmp_path):
     assert ((sheet == (220, 0, 0)).all(axis=-1)).sum() > len(GOOD) * 4 * 100
 
 
+@pytest.mark.parametrize("crop", ["30,0,48,48", f"0,0,{10**15},9"])
+def test_preview_shows_a_crop_that_reaches_beyond_the_picture(ifo, folder, crop):
+    code, result, said = ifo(folder / "b-frames.mp4", "--preview", "--crop", crop)
+    assert code == 0 and "reaches beyond its picture of 64x48" in said
+    assert (read_png(result["path"]) == (220, 0, 0)).all(axis=-1).sum() > 100
+
+
 def test_footage_is_never_written_over(ifo, folder, tmp_path):
     mine = tmp_path / "x.demos.mp4"
     mine.write_bytes((folder / "phone.mp4").read_bytes())
