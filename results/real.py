@@ -49,6 +49,15 @@ METHODS: dict[str, tuple[object, ...]] = {
     "joints": ("--reward", "joints"),
     "oracle": ("--reward", "oracle", "--ramp", "task"),  # as the paper has it: where things end counts most
 }
+MEANINGS = {
+    "translation": "what is tracked are the translation's images and features",
+    "starts": "the same, by three searches that begin apart, of which the cheapest goes on after half of the episodes",
+    "features": "the translation's features alone, as in the paper",
+    "network": "images and features of the translation by the paper's own network for real images, trained on a GPU",
+    "pretrained": "features of a network that was trained on ImageNet, not translated",
+    "joints": "the joint angles of one demonstration",
+    "oracle": "the true state",
+}
 # The paper's robot: its method, pretrained features, joint angles. Success of push, mean fraction of the others.
 PAPER = {
     "push-real": (0.96, 0.25, 0.0),
@@ -133,7 +142,10 @@ def markdown(cells: dict[tuple[str, str], list[Run]]) -> str:
             f"| {task} | {method} | {len(runs)} | {rate:.2f} [{low:.2f}, {high:.2f}] | {fraction:.2f} | {episodes:.0f} "
             f"| {minutes:.1f} | {'-' if paper is None else f'{paper:.2f}'} |"
         )
-    lines += ["", "The paper's robot: the success of push-real, the mean fraction of the other tasks."]
+    lines += ["", "The paper's robot: the success of push-real, the mean fraction of the other tasks.", ""]
+    lines += [
+        f"- {method}: {meaning}." for method, meaning in MEANINGS.items() if method in {name for _, name in cells}
+    ]
     return "\n".join(lines) + "\n"
 
 
