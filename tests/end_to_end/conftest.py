@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import io
 import json
 import os
 import shlex
+import shutil
 import subprocess
 import sys
 import time
@@ -49,14 +51,29 @@ def environment() -> dict[str, str]:
 
 
 @pytest.fixture(scope="session")
-def toy(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("toy")
+def toy(tmp_path_factory, testrun_uid):
+    """The finished pipeline, in a folder of this process's own; of several test processes one alone runs it."""
+    shared = tmp_path_factory.getbasetemp().parent / f"toy-{testrun_uid}"
+    shared.mkdir(exist_ok=True)
+    with open(shared / "lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (shared / "run.json").exists():
+            (shared / "run.json").write_text(json.dumps(_run_pipeline(shared / "made")))
+    folder = tmp_path_factory.mktemp("toy") / "made"
+    shutil.copytree(shared / "made", folder)
+    return ToyRun(folder, *json.loads((shared / "run.json").read_text()))
+
+
+def _run_pipeline(folder: Path) -> tuple[float, str, str]:
+    """Seconds, standard output and standard error of the pipeline, run in `folder`."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
     start = time.monotonic()
     done = subprocess.run(
         ["bash", "-o", "pipefail", "-c", PIPELINE], cwd=folder, env=environment(), capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
-    return ToyRun(folder, time.monotonic() - start, done.stdout, done.stderr)
+    return time.monotonic() - start, done.stdout, done.stderr
 
 
 @pytest.fixture(scope="session")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 import signal
 import subprocess
@@ -13,6 +15,7 @@ import numpy as np
 import pytest
 
 from artifacts import read_artifact, verify_artifact
+from ifo_cli.main import main
 
 pytestmark = pytest.mark.gl
 ROOT = Path(__file__).resolve().parents[2]
@@ -34,9 +37,11 @@ def start(folder, words):
 
 
 def finish(folder, words):
-    process = start(folder, words)
-    stdout, stderr = process.communicate(timeout=300)
-    return process.returncode, stdout, stderr
+    """Run a stage to its end, in this process, which saves seconds of imports."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main([*map(str, words)])
+    return code, out.getvalue(), err.getvalue()
 
 
 def interrupt(folder, words, checkpoint, signal_number):
