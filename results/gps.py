@@ -3,8 +3,8 @@
     python results/gps.py
 
 The true state is the cost, or the reward: what each makes of 200 episodes in each of sixteen contexts, guided policy
-search also with three searches that begin apart. Finished
-artifacts, in runs/gps, are not made again; the page is of all evaluations in results/gps.
+search also with three searches that begin apart. Finished artifacts, in runs/gps, are not made again; the page is of
+all evaluations in results/gps.
 """
 
 from __future__ import annotations

@@ -130,22 +130,14 @@ def markdown(cells: dict[tuple[str, str], list[Run]]) -> str:
         minutes = np.mean([run.recorded["learning_minutes"] for run in runs])
         episodes = np.mean([run.recorded["iterations"] * run.recorded["episodes"] for run in runs])
         ours, pretrained, joints = PAPER[task]
-        paper = {
-            "translation": ours,
-            "starts": ours,
-            "features": ours,
-            "network": ours,
-            "pretrained": pretrained,
-            "joints": joints,
-        }.get(method)
+        paper = {"pretrained": pretrained, "joints": joints, "oracle": None}.get(method, ours)
         lines.append(
             f"| {task} | {method} | {len(runs)} | {rate:.2f} [{low:.2f}, {high:.2f}] | {fraction:.2f} | {episodes:.0f} "
             f"| {minutes:.1f} | {'-' if paper is None else f'{paper:.2f}'} |"
         )
     lines += ["", "The paper's robot: the success of push-real, the mean fraction of the other tasks.", ""]
-    lines += [
-        f"- {method}: {meaning}." for method, meaning in MEANINGS.items() if method in {name for _, name in cells}
-    ]
+    shown = {method for _, method in cells}
+    lines += [f"- {method}: {meaning}." for method, meaning in MEANINGS.items() if method in shown]
     return "\n".join(lines) + "\n"
 
 

@@ -45,7 +45,8 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     from stages.threads import use_threads
 
     choose_backend()
-    twice = [path for k, path in enumerate(policies) if path.resolve() in {other.resolve() for other in policies[:k]}]
+    places = [path.resolve() for path in policies]
+    twice = [path for path, place in zip(policies, places, strict=True) if places.count(place) > 1]
     if twice:
         raise UsageError(f"{twice[0]}: given twice: expected each policy once, or the intervals are too narrow")
     sources = [read_artifact(path, "policy") for path in policies]

@@ -51,15 +51,16 @@ def environment() -> dict[str, str]:
 
 
 @pytest.fixture(scope="session")
-def toy(tmp_path_factory, testrun_uid):
+def toy(tmp_path_factory, worker_id):
     """The finished pipeline, in a folder of this process's own; of several test processes one alone runs it."""
-    shared = tmp_path_factory.getbasetemp().parent / f"toy-{testrun_uid}"
+    base = tmp_path_factory.getbasetemp()
+    shared = (base if worker_id == "master" else base.parent) / "toy"
     shared.mkdir(exist_ok=True)
     with open(shared / "lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (shared / "run.json").exists():
             (shared / "run.json").write_text(json.dumps(_run_pipeline(shared / "made")))
-    folder = tmp_path_factory.mktemp("toy") / "made"
+    folder = tmp_path_factory.mktemp("own") / "made"
     shutil.copytree(shared / "made", folder)
     return ToyRun(folder, *json.loads((shared / "run.json").read_text()))
 

@@ -159,18 +159,24 @@ class GuidedPolicySearch:
         return min(self._starts, key=lambda start: start.cost)
 
     def learn(self, total_timesteps: int, reset_num_timesteps: bool = False) -> GuidedPolicySearch:
-        """One episode of every simulation, and one update; named and called as Stable-Baselines3's."""
+        """One episode of every simulation, and one update; named and called as Stable-Baselines3's.
+
+        Raises:
+            FloatingPointError: The rollouts' cost is no finite number.
+        """
         if self._iterations == self._refined:
             self._refine()
         rng = generator(self._seed, "gps", self._iterations)
         states, actions = self.rollouts(rng)
         least_std = self._least_std(self._iterations + 1)
+        cost = float(self._cost.of(states, actions).mean())
+        if not math.isfinite(cost):
+            raise FloatingPointError("what rollouts cost is no finite number")
         ran = self._starts[self._turn].search
         search, self.last = iterate(ran, states, actions, self._cost, self._config.kl, rng, least_std, self._period)
         assert self.last.seen is not None
         own = on_part(ran.controller, self.last.seen, self._size)
         following = on_part(search.controller, self.last.marginals, self._size)
-        cost = float(self._cost.of(states, actions).mean())
         self._starts[self._turn] = Start(search, own, following, cost)
         self._iterations += 1
         if self._iterations == self._apart:
@@ -202,12 +208,15 @@ class GuidedPolicySearch:
 
         What is known of the dynamics goes: the numbers of images are others now.
         """
-        assert self._reward.finer is not None
-        self._reward = self.env.reward = self._reward.finer
-        self._cost = self._tracking()
+        self._track_finer()
         (start,) = self._starts
         lifted = start.next.lifted(self._size + self._reward.targets.shape[1])
         self._starts = [replace(start, search=Search(lifted.widened(self._least_std(self._iterations))))]
+
+    def _track_finer(self) -> None:
+        assert self._reward.finer is not None
+        self._reward = self.env.reward = self._reward.finer
+        self._cost = self._tracking()
 
     def _least_std(self, iterations: int) -> float:
         """Of actions, after so many iterations."""
@@ -236,10 +245,9 @@ class GuidedPolicySearch:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Put `state` back, bit for bit."""
-        self._starts = [Start.of(start) for start in state["starts"]]
         if 0 < self._refined < state["iterations"]:
-            self._refine()
-            self._starts = [Start.of(start) for start in state["starts"]]
+            self._track_finer()
+        self._starts = [Start.of(start) for start in state["starts"]]
         self._iterations, self.num_timesteps = state["iterations"], state["samples"]
         if self._iterations:
             self.env.episode = state["episode"] - 1  # The running episode was drawn before: draw it again.
