@@ -15,7 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from stages.configs import TASKS
+from stages.config.stages import TASKS
 
 DEMOS, FRAMES = 3000, 25
 WANTED = 2000.0

@@ -23,8 +23,8 @@ from typing import Any
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
-from stages.configs import TranslatorConfig
-from stages.presets import PRESETS
+from stages.config.presets import PRESETS
+from stages.config.stages import TranslatorConfig
 from stages.translation.training import TranslatorTraining
 
 VIDEOS, TIMES, SIZE = 2744, 25, 48  # as many videos as the preset trains on

@@ -24,9 +24,8 @@ import torch
 from learn_iteration import EPISODES, SEED, batch_env, iterate
 
 from stages.learners.algorithms import make_learner
-from stages.run import pick_workers
+from stages.runtime.devices import pick_workers, use_threads
 from stages.simulation.gl import choose_backend
-from stages.threads import use_threads
 
 GEMM = 2048  # rows and columns
 ROUNDS = 5
@@ -75,7 +74,7 @@ def main() -> None:
     parser.add_argument("--iterations", type=int, default=5)
     iterations = parser.parse_args().iterations
     choose_backend()
-    from stages.presets import defaults
+    from stages.config.presets import defaults
 
     workers = use_threads(pick_workers(0))
     config = defaults("paper", "learn-policy", "reach")

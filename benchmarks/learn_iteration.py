@@ -21,7 +21,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from stages.run import pick_workers
+from stages.runtime.devices import pick_workers
 from stages.simulation.gl import choose_backend
 
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # As the command line does, before torch is imported.
@@ -31,9 +31,9 @@ TASK, ARCH, SEED, EPISODES = "reach", "compact", 0, 250
 
 def main() -> None:
     choose_backend()
-    from stages.configs import LearnerConfig
+    from stages.config.stages import LearnerConfig
     from stages.learners.algorithms import make_learner
-    from stages.threads import use_threads
+    from stages.runtime.devices import use_threads
 
     parser = argparse.ArgumentParser()
     parser.add_argument("--threads", type=int, default=0, help="torch threads of the learner (default: one a core)")
@@ -77,11 +77,11 @@ def parts():
     """Task, context, network and target, the same in every process."""
     import torch
 
-    from stages.configs import PolicyConfig
-    from stages.rewards.translation import TrackingTarget
-    from stages.seeding import generator
+    from stages.config.stages import PolicyConfig
+    from stages.rewards.tracking import TrackingTarget
+    from stages.runtime.seeding import generator
     from stages.simulation.contexts import DISTRIBUTIONS
-    from stages.simulation.tasks import make_task
+    from stages.simulation.registry import make_task
     from stages.translation.networks import make_translator
 
     task = make_task(TASK)

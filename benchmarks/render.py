@@ -18,8 +18,8 @@ from functools import partial
 
 import numpy as np
 
-from stages.configs import TASKS
-from stages.run import pick_workers
+from stages.config.stages import TASKS
+from stages.runtime.devices import pick_workers
 from stages.simulation.gl import choose_backend
 
 TURNS = 5
@@ -39,11 +39,11 @@ def main() -> None:
 
 def measure(task_name: str, workers: int) -> dict[str, float]:
     """Frames a second of one task, and the ratios."""
-    from stages.seeding import generator
+    from stages.runtime.seeding import generator
     from stages.simulation.batch import rollout
     from stages.simulation.contexts import DISTRIBUTIONS
+    from stages.simulation.registry import make_task
     from stages.simulation.render import RenderPool
-    from stages.simulation.tasks import make_task
 
     task = make_task(task_name)
     rng = generator(0, "benchmark")

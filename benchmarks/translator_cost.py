@@ -20,7 +20,7 @@ import torch
 from learn_cost import GEMM, Clock, best
 from torch.utils.flop_counter import FlopCounterMode
 
-from stages.presets import PRESETS
+from stages.config.presets import PRESETS
 from stages.translation.training import TranslatorTraining
 
 VIDEOS, TIMES, SIZE = 512, 25, 48

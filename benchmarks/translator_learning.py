@@ -21,8 +21,8 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 import torch
 
 from artifacts import read_artifact
-from stages.configs import TranslatorConfig
-from stages.presets import PRESETS
+from stages.config.presets import PRESETS
+from stages.config.stages import TranslatorConfig
 from stages.translation.evaluation import evaluate_translator
 from stages.translation.training import TranslatorTraining
 

@@ -15,7 +15,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import torch
 
-from stages.configs import ARCHITECTURES
+from stages.config.stages import ARCHITECTURES
 from stages.translation.losses import translation_losses
 from stages.translation.networks import Translator, make_translator
 

@@ -123,8 +123,8 @@ def _frame() -> str:
     import numpy as np
 
     from stages.simulation.contexts import DISTRIBUTIONS
-    from stages.simulation.reach import Reach
     from stages.simulation.render import RenderPool
+    from stages.simulation.tasks.reach import Reach
 
     task = Reach()
     contexts = task.draw_contexts(np.random.default_rng(0), 1, DISTRIBUTIONS["fixed"])

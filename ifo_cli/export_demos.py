@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import typer
 
 from ifo_cli.streams import emit, inputs_or_stdin, plain, stdout_to_stderr
-from stages.configs import CAMERA, EXPORT_FORMATS, PLAIN_FPS, VIDEO_CRF, ExportConfig
+from stages.config.stages import CAMERA, EXPORT_FORMATS, PLAIN_FPS, VIDEO_CRF, ExportConfig
 
 EXAMPLES = (
     "ifo export-demos runs/reach.demos.h5 --format lerobot --out reach_videos --task 'reach the red disc'",
@@ -89,8 +89,8 @@ def export_demos(
     config = ExportConfig(str(to), camera, task, fps, video, crf)
     with stdout_to_stderr():
         from stages.export_demos import export_demos
-        from stages.progress import Progress
-        from stages.run import RunOptions
+        from stages.runtime.progress import Progress
+        from stages.runtime.run import RunOptions
 
         run = RunOptions(out=out, command=shlex.join(["ifo", *words]), progress=Progress(quiet=quiet))
         result = export_demos(path, config, run)

@@ -12,8 +12,8 @@ import typer
 from ifo_cli.options import complete_task
 from ifo_cli.runner import check_out, check_task
 from ifo_cli.streams import emit, inputs_or_stdin, plain, stdout_to_stderr
-from stages.configs import ImportConfig
-from stages.presets import DEFAULT_PRESET, PRESETS
+from stages.config.presets import DEFAULT_PRESET, PRESETS
+from stages.config.stages import ImportConfig
 
 EXAMPLES = (
     "ifo import-demos kitchen/ --preview",
@@ -117,8 +117,8 @@ def import_demos(
     words = [*(context.find_root().obj or []), *(() if videos else map(str, paths))]
     with stdout_to_stderr():
         from stages.import_demos import import_demos
-        from stages.progress import Progress
-        from stages.run import RunOptions
+        from stages.runtime.progress import Progress
+        from stages.runtime.run import RunOptions
 
         run = RunOptions(preset=preset, out=out, command=shlex.join(["ifo", *words]), progress=Progress(quiet=quiet))
         result = import_demos(paths, config, run, preview)

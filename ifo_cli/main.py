@@ -31,7 +31,7 @@ from ifo_cli import (
 )
 from ifo_cli.options import PRESET_NOTE
 from ifo_cli.streams import abandon_stdout
-from stages.interrupts import killable
+from stages.runtime.interrupts import killable
 
 INTERRUPTED = 130
 BUG = 1
@@ -128,7 +128,7 @@ def _run(words: list[str]) -> int:
         command = typer.main.get_command(app)
         code = command.main(words, prog_name="ifo", standalone_mode=False, obj=words)
     except typer.TyperException as error:
-        from stages.processes import is_main
+        from stages.runtime.processes import is_main
 
         if not is_main():
             return 0  # Launched together, all were told the same, and the main process says what is wrong with it.

@@ -14,8 +14,8 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import typer
 
-from stages.configs import HOUSEHOLD, STAGES, TASKS
-from stages.presets import DEFAULT_PRESET, PRESETS
+from stages.config.presets import DEFAULT_PRESET, PRESETS
+from stages.config.stages import HOUSEHOLD, STAGES, TASKS
 
 HELP_PRESET = DEFAULT_PRESET
 PRESET_NOTE = (
@@ -123,7 +123,7 @@ def stage_command(stage: str, *, resume: bool = False) -> Callable[[Command], Co
     """Give a command the options of its stage; it receives them as its argument `given`.
 
     Args:
-        stage: Name of the stage in `stages.configs.STAGES`.
+        stage: Name of the stage in `stages.config.stages.STAGES`.
         resume: Whether the stage keeps checkpoints, so that --resume makes sense.
     """
 

@@ -46,8 +46,8 @@ def report(
     paths = inputs_or_stdin(runs or [], "the evaluation artifacts (NAME.evaluation.h5), or their folder", several=True)
     words = [*(context.find_root().obj or []), *(() if runs else map(str, paths))]
     with stdout_to_stderr():
-        from stages.progress import Progress
         from stages.report import report
+        from stages.runtime.progress import Progress
 
         result = report(paths, out, title, shlex.join(["ifo", *words]), Progress(quiet=quiet))
     if as_json:

@@ -11,8 +11,8 @@ import typer
 
 from artifacts.errors import UsageError
 from ifo_cli.streams import emit, stdout_to_stderr
-from stages.configs import TASKS
-from stages.presets import DEFAULT_PRESET, PRESETS
+from stages.config.presets import DEFAULT_PRESET, PRESETS
+from stages.config.stages import TASKS
 from stages.reproduction.plan import METHODS, Grid
 
 EXAMPLES = (
@@ -64,11 +64,11 @@ def reproduce(
     if out.exists() and not out.is_dir():
         raise UsageError(f"--out {out} is a file: expected a folder")
     with stdout_to_stderr():
-        from stages.progress import Progress
         from stages.reproduce import Execution, described, missing, reproduce
         from stages.reproduction.plan import plan
         from stages.reproduction.times import minutes
-        from stages.run import pick_workers
+        from stages.runtime.devices import pick_workers
+        from stages.runtime.progress import Progress
 
         cores = cores or pick_workers(0)
         if dry_run:

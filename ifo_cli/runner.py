@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any
 from artifacts.errors import IfoError, PlatformError, UsageError
 from ifo_cli.options import Given
 from ifo_cli.streams import emit, inputs_or_stdin, plain, stdout_to_stderr
-from stages.configs import HOUSEHOLD, TASKS
-from stages.presets import PRESETS, defaults
+from stages.config.presets import PRESETS, defaults
+from stages.config.stages import HOUSEHOLD, TASKS
 
 if TYPE_CHECKING:
     from artifacts import Artifact
-    from stages.processes import Processes
-    from stages.run import RunOptions, StageResult
+    from stages.runtime.processes import Processes
+    from stages.runtime.run import RunOptions, StageResult
 
 SHARED = ("train-translator",)  # stages whose work several processes can share
 
@@ -78,7 +78,7 @@ def run_stage(
         several: Whether the stage takes more than one input.
         task: The task that the command line named; else the first input's.
     """
-    from stages.processes import OtherFailed, join
+    from stages.runtime.processes import OtherFailed, join
 
     try:
         with stdout_to_stderr():
@@ -116,8 +116,8 @@ def _run(
     words = [*given.words, *(() if named else map(str, paths))]
     with stdout_to_stderr():
         from artifacts import read_artifact
-        from stages.progress import Progress
-        from stages.run import RunOptions
+        from stages.runtime.progress import Progress
+        from stages.runtime.run import RunOptions
 
         parents = [read_artifact(path, READS[stage]) for path in paths]
         run = RunOptions(

@@ -22,7 +22,7 @@ from report import grid, minutes, plot, report
 
 from artifacts import Artifact, read_artifact
 from stages.simulation.gl import choose_backend
-from stages.simulation.tasks import make_task
+from stages.simulation.registry import make_task
 
 
 def train(task: str) -> Path:

@@ -24,10 +24,10 @@ import torch
 from commands import ifo
 
 from artifacts import read_artifact, stem_of
-from stages.configs import HOUSEHOLD
+from stages.config.stages import HOUSEHOLD
+from stages.reporting.intervals import wilson
 from stages.reporting.rows import COLUMNS, Run, read_runs, row
 from stages.simulation.gl import choose_backend
-from stages.statistics import wilson
 
 HERE = Path(os.path.relpath(Path(__file__).parent))
 REAL, EVALUATIONS = Path("runs/real"), HERE / "real"

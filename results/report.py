@@ -9,7 +9,7 @@ from plan import HERE, NAMES, PLANS, PROXIES, RUNS, SHOWN
 from scipy.stats import spearmanr
 
 from artifacts import Artifact, read_artifact, tile_videos, write_mp4
-from stages.statistics import wilson
+from stages.reporting.intervals import wilson
 
 
 def success_table(table: list[dict[str, object]]) -> list[str]:

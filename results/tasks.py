@@ -20,9 +20,9 @@ import numpy as np
 from commands import ifo
 
 from artifacts import read_artifact
-from stages.configs import TASKS
+from stages.config.stages import TASKS
 from stages.simulation.gl import choose_backend
-from stages.simulation.tasks import make_task
+from stages.simulation.registry import make_task
 from stages.train_expert import CONSISTENT_SPREAD
 
 HERE = Path(os.path.relpath(Path(__file__).parent))

@@ -20,11 +20,12 @@ from artifacts import (
     write_mp4,
     write_overview,
 )
-from stages.configs import DemosConfig
-from stages.demonstrators import Demonstrator, Expert, Person
-from stages.presets import DEFAULT_PRESET, defaults
-from stages.run import RunOptions, StageResult, environment, full_config, pick_workers
-from stages.seeding import generator
+from stages.config.presets import DEFAULT_PRESET, defaults
+from stages.config.stages import DemosConfig
+from stages.learners.demonstrators import Demonstrator, Expert, Person
+from stages.runtime.devices import pick_workers
+from stages.runtime.run import RunOptions, StageResult, environment, full_config
+from stages.runtime.seeding import generator
 from stages.simulation.contexts import Contexts, repeat, take
 from stages.simulation.task import Task
 
@@ -46,9 +47,9 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
         ArtifactError: The demonstrator fails too often to yield `config.n` demonstrations.
         UsageError: An expert is given where the task brings its own demonstrator.
     """
+    from stages.runtime.devices import use_threads
     from stages.simulation.gl import choose_backend
-    from stages.simulation.tasks import distribution, file_name, make_task
-    from stages.threads import use_threads
+    from stages.simulation.registry import distribution, file_name, make_task
 
     choose_backend()
     task = make_task(task_name, typed=True)
@@ -68,8 +69,8 @@ def _film(
 ) -> StageResult:
     """Film until there are `config.n` demonstrations, and write the artifact at `out`; `write` gets all footage."""
     from stages.simulation.batch import rollout
+    from stages.simulation.registry import distribution, learner_context
     from stages.simulation.render import RenderPool
-    from stages.simulation.tasks import distribution, learner_context
 
     filmed, drawn_from = demonstrator.task, distribution(config.contexts, config.vary)
     videos = np.empty((config.n, task.frames, *task.frame_size, 3), np.uint8)
@@ -209,7 +210,7 @@ def _demonstrator(task: Task, expert: Path | None, run: RunOptions, folder: Path
 
 def _find_or_train_expert(task_name: str, run: RunOptions, folder: Path) -> Path:
     """The expert of this preset in `folder`, trained now if there is none."""
-    from stages.simulation.tasks import file_name
+    from stages.simulation.registry import file_name
     from stages.train_expert import train_expert
 
     path = default_path(folder, f"{file_name(task_name)}-{run.preset}", "expert")

@@ -19,12 +19,14 @@ from artifacts import (
     write_artifact,
     write_mp4,
 )
-from stages.configs import EvaluateConfig
-from stages.methods import describe_method
-from stages.run import RunOptions, StageResult, environment, full_config, pick_workers
-from stages.seeding import generator, integer
+from artifacts.atomic import write_bytes
+from stages.config.stages import EvaluateConfig
+from stages.reporting.intervals import bootstrap_mean, wilson
+from stages.reporting.methods import describe_method
+from stages.runtime.devices import pick_workers
+from stages.runtime.run import RunOptions, StageResult, environment, full_config
+from stages.runtime.seeding import generator, integer
 from stages.simulation.contexts import Contexts, repeat
-from stages.statistics import bootstrap_mean, wilson
 
 SHOWN = 6  # policies in the MP4
 CURVES = ("curve/samples", "curve/normalised_distance")  # of each policy's learning, kept with its evaluation
@@ -37,12 +39,12 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     normalised final distance is below the task's threshold. Beside it stands the stricter one, a verdict an episode
     of the deterministic policy.
     """
-    from stages.learn_policy import policy_video
-    from stages.learners.policy import Policy
+    from stages.learners.policy import Policy, policy_video
+    from stages.reporting.plots import plot_learning_curves
+    from stages.runtime.devices import use_threads
     from stages.simulation.gl import choose_backend
+    from stages.simulation.registry import make_task
     from stages.simulation.render import RenderPool
-    from stages.simulation.tasks import make_task
-    from stages.threads import use_threads
 
     choose_backend()
     places = [path.resolve() for path in policies]
@@ -74,7 +76,7 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     summary = _summarise(task, arrays)
     about = {"task": task.name, "success_threshold": task.success_threshold}
     described = full_config("evaluate", config, run, **about, runs=[_describe(source) for source in sources])
-    _plot_curves(sources, task.success_threshold, sibling(out, ".png"))
+    write_bytes(sibling(out, ".png"), plot_learning_curves(sources, task.success_threshold))
     labels = [stem_of(source.path)[-16:] for source in sources[:SHOWN]]
     write_mp4(sibling(out, ".mp4"), tile_videos([videos], labels=labels), fps=10)
     write_artifact(
@@ -173,28 +175,3 @@ def _summarise(task: Any, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
         "success_deterministic": float((calm < task.success_threshold).mean()),
         "success_deterministic_interval": bootstrap_mean(units(calm < task.success_threshold)),
     }
-
-
-def _plot_curves(sources: list[Artifact], threshold: float, path: Path) -> None:
-    """Learning curves: normalised final distance over samples, one line a run."""
-    import io
-
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    from artifacts.atomic import write_bytes
-
-    figure, axes = pyplot.subplots(figsize=(7, 4.5), dpi=120)
-    for source in sources:
-        label = f"{stem_of(source.path)} ({source.config['reward']})"
-        axes.plot(source["curve/samples"], source["curve/normalised_distance"], label=label)
-    axes.axhline(threshold, color="grey", linestyle="--", linewidth=1, label=f"success below {threshold}")
-    axes.set(xlabel="samples", ylabel="final distance / initial distance", ylim=(0, None))
-    axes.legend(fontsize=7)
-    figure.tight_layout()
-    drawn = io.BytesIO()
-    figure.savefig(drawn, format="png")
-    pyplot.close(figure)
-    write_bytes(path, drawn.getvalue())

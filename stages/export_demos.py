@@ -19,10 +19,10 @@ from artifacts import (
     sibling,
     stem_of,
 )
-from stages.configs import CAMERA, EXPORT_FORMATS, PLAIN_FPS, VIDEO_CRF, ExportConfig
+from stages.config.stages import CAMERA, EXPORT_FORMATS, PLAIN_FPS, VIDEO_CRF, ExportConfig
 from stages.datasets.export import Export
-from stages.interrupts import heeded
-from stages.run import RunOptions, StageResult
+from stages.runtime.interrupts import heeded
+from stages.runtime.run import RunOptions, StageResult
 
 AT_A_TIME = 64  # demonstrations in memory
 CRF = range(1, 52)

@@ -14,17 +14,17 @@ from typing import Any
 import numpy as np
 
 from artifacts import ArtifactError, UsageError, default_path, sibling, write_artifact, write_overview, write_png
-from stages.configs import ImportConfig
+from stages.config.presets import DEFAULT_PRESET
+from stages.config.stages import ImportConfig
 from stages.datasets.finding import find_episodes
 from stages.footage.crops import Crop, centred_crop, check_crop, parse_crop, read_crops, reduced
 from stages.footage.footage import Footage
 from stages.footage.moments import Segment, choose_frames
 from stages.footage.preview import preview_cell, preview_sheet
 from stages.footage.sources import Source, find_videos
-from stages.interrupts import heeded
-from stages.presets import DEFAULT_PRESET
-from stages.run import RunOptions, StageResult, environment, full_config
-from stages.train_translator import FEWEST
+from stages.runtime.interrupts import heeded
+from stages.runtime.run import RunOptions, StageResult, environment, full_config
+from stages.translation.training import FEWEST
 
 SIDES = range(16, 513, 4)  # pixels; the translators halve frames twice
 MOST_FRAMES = 1000
@@ -226,7 +226,7 @@ def _compare_with_task(config: ImportConfig, size: tuple[int, int], run: RunOpti
     if not config.task:
         return
     from stages.simulation.gl import choose_backend
-    from stages.simulation.tasks import make_task
+    from stages.simulation.registry import make_task
 
     choose_backend(required=False)
     task = make_task(config.task)
@@ -270,7 +270,7 @@ def _segment(config: ImportConfig) -> Segment:
 
 def _stem(config: ImportConfig, run: RunOptions) -> str:
     """Not the task's name alone: that is what collect-demos calls its files."""
-    from stages.simulation.tasks import file_name
+    from stages.simulation.registry import file_name
 
     task = f"-{file_name(config.task)}" if config.task else ""
     return f"imported{task}" + ("" if run.preset == DEFAULT_PRESET else f"-{run.preset}")

@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from artifacts import (
+    Artifact,
+    ArtifactError,
     UsageError,
     default_path,
+    read_artifact,
     sibling,
     stem_of,
     tile_videos,
     write_artifact,
     write_mp4,
 )
-from stages.checkpoints import Checkpoints
-from stages.configs import LOCAL_LEARNERS, REWARD_TERMS, TRACKED_REWARDS, PolicyConfig
-from stages.make_reward import make_reward
-from stages.run import RunOptions, StageResult, environment, full_config, pick_device, pick_workers
-from stages.simulation.contexts import Contexts, repeat
-from stages.simulation.task import Task
+from stages.config.stages import LOCAL_LEARNERS, REWARD_TERMS, TRACKED_REWARDS, PolicyConfig
+from stages.rewards.factory import make_reward
+from stages.runtime.checkpoints import Checkpoints
+from stages.runtime.devices import pick_device, pick_workers
+from stages.runtime.run import RunOptions, StageResult, environment, full_config
+from stages.simulation.contexts import repeat
 
 
 def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> StageResult:
@@ -31,12 +33,11 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     """
     from stages.learners.environment import EpisodeEnv
     from stages.learners.loop import curve_arrays, learn
-    from stages.learners.policy import Policy, policy_weights
+    from stages.learners.policy import Policy, policy_video, policy_weights
+    from stages.runtime.devices import use_threads
     from stages.simulation.gl import choose_backend
+    from stages.simulation.registry import make_task
     from stages.simulation.render import RenderPool
-    from stages.simulation.tasks import make_task
-    from stages.threads import use_threads
-    from stages.translate import load_translation
 
     _check(config)
     choose_backend()
@@ -156,11 +157,16 @@ def _finite(metrics: dict[str, np.ndarray]) -> dict[str, float]:
     return {name: float(value) for name, value in metrics.items() if np.isfinite(value)}
 
 
-def policy_video(task: Task, policy: Any, contexts: Contexts, pool: Any) -> np.ndarray:
-    """One deterministic episode from the context's own initial state, as video (T, H, W, 3)."""
-    from stages.simulation.batch import rollout
+def load_translation(path: Path) -> Artifact:
+    """The translation at `path`, with a simulated context to learn in.
 
-    episode = rollout(
-        task, contexts, *task.context_state(contexts), lambda state, _: policy.act(task.observe(state)), 1
-    )
-    return pool.render(task.model_fields(contexts), episode.frame_qpos(task))[0]
+    Raises:
+        ArtifactError: It was made from an image, not from a simulated context.
+    """
+    artifact = read_artifact(path, "translation")
+    if not artifact.names("contexts"):
+        raise ArtifactError(
+            f"{path} was translated into the context of an image, expected a simulated context to learn in; "
+            "translate with --context-seed instead"
+        )
+    return artifact

@@ -9,7 +9,6 @@ from typing import Any
 
 from artifacts import Artifact, ArtifactError, PlatformError, UsageError, read_artifact
 from artifacts.atomic import write_bytes
-from stages.progress import Progress
 from stages.reporting.counting import Duplicate, count_once
 from stages.reporting.lineage import lineage
 from stages.reporting.page import MARK, markdown, page
@@ -18,7 +17,8 @@ from stages.reporting.rows import Run, as_csv, read_runs
 from stages.reporting.summary import Summary, summarise
 from stages.reporting.tables import summary_table
 from stages.reporting.videos import collect_videos
-from stages.run import StageResult
+from stages.runtime.progress import Progress
+from stages.runtime.run import StageResult
 
 PATTERN = "*.evaluation.h5"
 

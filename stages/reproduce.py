@@ -19,11 +19,11 @@ from typing import Any
 
 from artifacts import ArtifactError, Interrupted, PlatformError, UsageError
 from artifacts.atomic import write_bytes
-from stages.interrupts import killable
-from stages.progress import Progress
 from stages.reproduction.plan import Grid, Job, plan, wanted
 from stages.reproduction.times import longest_chain, memory, minutes
-from stages.run import StageResult
+from stages.runtime.interrupts import killable
+from stages.runtime.progress import Progress
+from stages.runtime.run import StageResult
 
 SNAKEFILE = Path(__file__).parent / "reproduction" / "Snakefile"
 JOBS, LOCK, LOGS = "jobs.json", ".reproduce.lock", "logs"

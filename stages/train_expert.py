@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from artifacts import Artifact, default_path, read_artifact, write_artifact
-from stages.checkpoints import Checkpoints
-from stages.configs import ExpertConfig
-from stages.run import RunOptions, StageResult, environment, full_config, pick_device, pick_workers
-from stages.seeding import generator
+from artifacts import default_path, write_artifact
+from stages.config.stages import ExpertConfig
+from stages.runtime.checkpoints import Checkpoints
+from stages.runtime.devices import pick_device, pick_workers
+from stages.runtime.run import RunOptions, StageResult, environment, full_config
+from stages.runtime.seeding import generator
 from stages.simulation.contexts import Contexts, repeat, take
 from stages.simulation.task import State, Task
 
@@ -31,9 +32,9 @@ def train_expert(task_name: str, config: ExpertConfig, run: RunOptions) -> Stage
     from stages.learners.loop import curve_arrays, learn
     from stages.learners.policy import Policy, policy_weights
     from stages.rewards.state import ExpertReward
+    from stages.runtime.devices import use_threads
     from stages.simulation.gl import choose_backend
-    from stages.simulation.tasks import distribution, file_name, make_task
-    from stages.threads import use_threads
+    from stages.simulation.registry import distribution, file_name, make_task
 
     choose_backend(required=False)  # Draws nothing; but mujoco settles on a backend when it is imported.
     task = make_task(task_name, typed=True)
@@ -90,7 +91,7 @@ def train_expert(task_name: str, config: ExpertConfig, run: RunOptions) -> Stage
 def _test(task: Task, policy: Policy, config: ExpertConfig, run: RunOptions, workers: int) -> dict[str, np.ndarray]:
     """Normalised final distances (C,) in fresh contexts, and final joint angles' spread (C, nq) over episodes."""
     from stages.simulation.batch import rollout
-    from stages.simulation.tasks import distribution
+    from stages.simulation.registry import distribution
 
     rng = generator(run.seed, "expert-test")
     contexts = task.draw_contexts(rng, config.test_contexts, distribution(config.contexts, config.vary))
@@ -105,17 +106,3 @@ def _test(task: Task, policy: Policy, config: ExpertConfig, run: RunOptions, wor
         episodes = rollout(task, same, *task.draw_states(rng, same), act=act, nthread=workers)
         spread.append(episodes.qpos[:, -1, task.posture].std(axis=0))
     return {"test/normalised_distance": distances, "test/spread": np.stack(spread)}
-
-
-def load_expert(path: str | Path, task_name: str) -> Artifact:
-    """The expert artifact at `path`, of task `task_name`.
-
-    Raises:
-        ArtifactError: No expert of that task.
-    """
-    from artifacts import ArtifactError
-
-    artifact = read_artifact(path, "expert")
-    if artifact.config["task"] != task_name:
-        raise ArtifactError(f"{path} is an expert of {artifact.config['task']}, expected one of {task_name}")
-    return artifact

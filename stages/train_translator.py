@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from artifacts import ArtifactError, UsageError, default_path, read_artifact, stem_of, write_artifact
-from stages.checkpoints import Checkpoints
-from stages.configs import LOSSES, TranslatorConfig
-from stages.run import RunOptions, StageResult, environment, full_config, pick_device, pick_workers
+from stages.config.stages import LOSSES, TranslatorConfig
+from stages.runtime.checkpoints import Checkpoints
+from stages.runtime.devices import pick_device, pick_workers
+from stages.runtime.run import RunOptions, StageResult, environment, full_config
 
 if TYPE_CHECKING:
     from stages.translation.networks import Translator
 
-FEWEST = 4  # demonstrations: two to train on, two held out
 SHOWN_HELD_OUT = 32  # held-out demonstrations that the evaluations on the way look at; the last looks at all
 METRICS = (
     "psnr",
@@ -38,10 +38,10 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
     """
     import torch
 
-    from stages.threads import use_threads
+    from stages.runtime.devices import use_threads
     from stages.translation.alignment import require_tslearn, video_index
     from stages.translation.evaluation import evaluate_translator
-    from stages.translation.training import TranslatorTraining, train
+    from stages.translation.training import FEWEST, TranslatorTraining, held_out_count, train
 
     if set(config.without) >= set(LOSSES):
         raise UsageError("--without trans, rec and align leaves no loss to train on: keep one of the three")
@@ -97,8 +97,3 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
     checkpoints.remove()
     run.processes.finish()
     return StageResult(out, metrics)
-
-
-def held_out_count(demonstrations: int, wanted: int) -> int:
-    """Demonstrations never trained on, the file's last: `wanted`, but at most a fifth and at least two."""
-    return max(min(wanted, demonstrations // 5), 2)

@@ -21,19 +21,19 @@ from artifacts import (
     write_mp4,
 )
 from artifacts.atomic import write_bytes
-from stages.configs import TranslateConfig
-from stages.presets import defaults
-from stages.run import RunOptions, StageResult, environment, full_config, pick_device, pick_workers
-from stages.seeding import generator
+from stages.config.presets import defaults
+from stages.config.stages import TranslateConfig
+from stages.runtime.devices import pick_device, pick_workers
+from stages.runtime.run import RunOptions, StageResult, environment, full_config
+from stages.runtime.seeding import generator
 from stages.simulation.contexts import Contexts
 
 if TYPE_CHECKING:
-    from stages.demonstrators import Demonstrator
+    from stages.learners.demonstrators import Demonstrator
     from stages.rewards.quality import Quality
     from stages.simulation.task import Task
 
 SHOWN = 4  # demonstrations in the MP4 grid
-IMPORTED = "import-demos"  # the stage of demonstrations that tell nothing but frames
 CHUNK = 16  # demonstrations translated at a time
 
 
@@ -46,10 +46,11 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     """
     import torch
 
-    from stages.rewards.quality import plot_quality, shown_tau
-    from stages.rewards.translation import motion
+    from stages.reporting.plots import plot_quality
+    from stages.rewards.quality import shown_tau
+    from stages.rewards.tracking import motion
+    from stages.runtime.devices import use_threads
     from stages.simulation.gl import choose_backend
-    from stages.threads import use_threads
     from stages.translation.alignment import at_index, common_index, require_tslearn
     from stages.translation.networks import load_translator, to_frames, to_images
 
@@ -125,7 +126,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
             + f"; returns against final distances: {shown_tau(metrics['tau_returns'])}; on the way from standing still "
             f"to the expert: {shown_tau(metrics['tau_way'])}"
         )
-        write_bytes(plot, plot_quality(quality))
+        write_bytes(plot, plot_quality(quality.curves))
     else:
         plot.unlink(missing_ok=True)  # Of what stood here before.
     described = full_config("translate", config, run, task=source.config.get("task"))
@@ -167,9 +168,9 @@ def _simulate_context(
     config: TranslateConfig, demos: Artifact, run: RunOptions
 ) -> tuple[Contexts, np.ndarray, Demonstrator | None]:
     """The learner's context (leading axis 1), its first frame, and who demonstrated, where that one is at hand."""
-    from stages.demonstrators import demonstrator_of
+    from stages.learners.demonstrators import IMPORTED, demonstrator_of
+    from stages.simulation.registry import distribution, learner_context, make_task
     from stages.simulation.render import RenderPool
-    from stages.simulation.tasks import distribution, learner_context, make_task
 
     if not demos.config.get("task"):
         raise UsageError(
@@ -188,18 +189,6 @@ def _simulate_context(
     except ArtifactError as error:
         run.progress.say(f"the expert's own video here is not known, and nothing is compared with it ({error})")
         return contexts, frame, None
-
-
-def _contexts_of(config: TranslateConfig, demos: Artifact) -> tuple[str, str]:
-    """The distribution of the learner's context and what varies in it; where left open, both are the
-    demonstrations', or where these are imported, the preset's.
-    """
-    if config.contexts:
-        return config.contexts, config.vary
-    if demos.config.get("stage") == IMPORTED:
-        drawn = defaults(demos.config["preset"], "collect-demos", demos.config.get("task") or "")
-        return drawn.contexts, config.vary
-    return demos.config["contexts"], config.vary or demos.config.get("vary", "")
 
 
 def _check_shape(task: Task, demos: Artifact) -> None:
@@ -223,7 +212,7 @@ def _judge(
 ) -> tuple[np.ndarray, Quality]:
     """The expert's own video (T, H, W, 3) in the learner's context, and how the reward ranks what is done there."""
     from stages.rewards.quality import reward_quality
-    from stages.rewards.translation import TrackingTarget
+    from stages.rewards.tracking import TrackingTarget
     from stages.simulation.render import RenderPool
 
     task = expert.task
@@ -268,16 +257,11 @@ def _truth(
     return {"expert_frames": truth, "expert_features": features.numpy()}
 
 
-def load_translation(path: Path) -> Artifact:
-    """The translation at `path`, with a simulated context to learn in.
+def _contexts_of(config: TranslateConfig, demos: Artifact) -> tuple[str, str]:
+    """The distribution of the learner's context and what varies in it; the demonstrations' own where left open."""
+    from stages.learners.demonstrators import filmed_contexts
 
-    Raises:
-        ArtifactError: It was made from an image, not from a simulated context.
-    """
-    artifact = read_artifact(path, "translation")
-    if not artifact.names("contexts"):
-        raise ArtifactError(
-            f"{path} was translated into the context of an image, expected a simulated context to learn in; "
-            "translate with --context-seed instead"
-        )
-    return artifact
+    if config.contexts:
+        return config.contexts, config.vary
+    contexts, vary = filmed_contexts(demos)
+    return contexts, config.vary or vary

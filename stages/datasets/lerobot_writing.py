@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from stages.datasets import parquet, statistics
+from stages.datasets import feature_statistics, parquet
 from stages.datasets.export import Export
 from stages.datasets.lerobot import DATA_PATH, EPISODES, INFO, VIDEO_PATH
-from stages.datasets.lerobot_videos import VIDEO_BYTES, VideoFiles, png
+from stages.datasets.lerobot_video_writer import VIDEO_BYTES, VideoFiles, png
 
 DATA_BYTES = 100 * 10**6  # of a table, about
 CHUNK = 1000  # files in a folder
@@ -45,14 +45,14 @@ def write_lerobot(path: Path, export: Export) -> None:
     pyarrow = parquet.arrow()
     count, length = export.shape[:2]
     key = PREFIX + export.camera
-    levels = np.zeros((3, statistics.LEVELS), np.int64)
+    levels = np.zeros((3, feature_statistics.LEVELS), np.int64)
     episodes: dict[str, list[Any]] = defaultdict(list)
     with ExitStack() as stack:
         tables = stack.enter_context(_Tables(path, "" if export.video else key))
         videos = stack.enter_context(VideoFiles(path, key, export)) if export.video else None
         for k, (frames, _) in enumerate(export.videos()):
             numbers = _numbers(k, length, export.fps)
-            within = statistics.levels_in(frames)
+            within = feature_statistics.levels_in(frames)
             levels += within
             place = tables.add(numbers, frames)
             row: dict[str, Any] = {
@@ -67,8 +67,8 @@ def write_lerobot(path: Path, export: Export) -> None:
                 "meta/episodes/chunk_index": 0,
                 "meta/episodes/file_index": 0,
             }
-            told = {name: statistics.of_numbers(values) for name, values in numbers.items()}
-            told[key] = statistics.of_pictures(within, length)
+            told = {name: feature_statistics.of_numbers(values) for name, values in numbers.items()}
+            told[key] = feature_statistics.of_pictures(within, length)
             for feature, figures in told.items():
                 row |= {f"stats/{feature}/{name}": value for name, value in figures.items()}
             for name, value in row.items():
@@ -79,8 +79,8 @@ def write_lerobot(path: Path, export: Export) -> None:
     _write_json(path / INFO, _info(export, key))
     whole = {name: np.tile(values, count) for name, values in _numbers(0, length, export.fps).items()}
     whole |= {"episode_index": np.repeat(np.arange(count), length), "index": np.arange(count * length)}
-    stats = {name: statistics.of_numbers(values) for name, values in whole.items()}
-    _write_json(path / "meta" / "stats.json", {key: statistics.of_pictures(levels, count * length), **stats})
+    stats = {name: feature_statistics.of_numbers(values) for name, values in whole.items()}
+    _write_json(path / "meta" / "stats.json", {key: feature_statistics.of_pictures(levels, count * length), **stats})
     _write_json(path / "meta" / "ifo.json", export.origin)
 
 

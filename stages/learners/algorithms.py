@@ -11,7 +11,7 @@ from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
 
-from stages.configs import LearnerConfig
+from stages.config.stages import LearnerConfig
 from stages.learners.environment import EpisodeEnv
 from stages.learners.gps.learner import GuidedPolicySearch
 
@@ -82,7 +82,7 @@ def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int) -> Learner:
 
 def learner_state(model: Learner) -> dict[str, Any]:
     """Everything that decides how learning goes on, as a tree of arrays and numbers."""
-    from stages.state import to_tree
+    from stages.runtime.trees import to_tree
 
     if isinstance(model, GuidedPolicySearch):
         return model.state()
@@ -106,7 +106,7 @@ def learner_state(model: Learner) -> dict[str, Any]:
 
 def restore_learner(model: Learner, state: dict[str, Any]) -> None:
     """Put `learner_state` back, bit for bit."""
-    from stages.state import from_tree
+    from stages.runtime.trees import from_tree
 
     if isinstance(model, GuidedPolicySearch):
         model.restore(state)

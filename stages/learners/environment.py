@@ -9,8 +9,8 @@ import numpy as np
 from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv
 
-from stages.rewards.base import Reward
-from stages.seeding import generator
+from stages.learners.reward import Reward
+from stages.runtime.seeding import generator
 from stages.simulation.batch import BatchSimulation
 from stages.simulation.contexts import Contexts
 from stages.simulation.task import State, Task

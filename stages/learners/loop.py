@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from artifacts import UsageError, sibling
-from stages.board import TensorBoard
-from stages.checkpoints import Checkpoints
-from stages.configs import LearnerConfig
+from stages.config.stages import LearnerConfig
 from stages.learners.algorithms import Learner, learner_state, make_learner, restore_learner
 from stages.learners.environment import EpisodeEnv
 from stages.learners.gps.learner import GuidedPolicySearch
 from stages.learners.policy import policy_weights
-from stages.run import RunOptions
-from stages.seeding import integer
+from stages.runtime.checkpoints import Checkpoints
+from stages.runtime.run import RunOptions
+from stages.runtime.seeding import integer
+from stages.runtime.tensorboard import TensorBoard
 
 Curve = dict[str, list[float]]
 FLAT = 0.01  # of the return's range: less is no gain

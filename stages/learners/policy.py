@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -14,7 +14,12 @@ from artifacts import Artifact, ArtifactError
 from stages.learners.algorithms import Learner
 from stages.learners.gps.controller import LinearGaussianController
 from stages.learners.gps.learner import GuidedPolicySearch
-from stages.state import from_tree, to_tree
+from stages.runtime.trees import from_tree, to_tree
+from stages.simulation.contexts import Contexts
+from stages.simulation.task import Task
+
+if TYPE_CHECKING:
+    from stages.simulation.render import RenderPool
 
 
 def policy_weights(model: Learner) -> dict[str, np.ndarray]:
@@ -110,3 +115,13 @@ class ControllerPolicy(Policy):
         size = (len(own), self._controller.offsets.shape[1])
         drawn = torch.randn(size, generator=noise, dtype=torch.float64).numpy()
         return np.clip(self._controller.sample(step, own, drawn), -1, 1)
+
+
+def policy_video(task: Task, policy: Policy, contexts: Contexts, pool: RenderPool) -> np.ndarray:
+    """One deterministic episode from the context's own initial state, as video (T, H, W, 3)."""
+    from stages.simulation.batch import rollout
+
+    episode = rollout(
+        task, contexts, *task.context_state(contexts), lambda state, _: policy.act(task.observe(state)), 1
+    )
+    return pool.render(task.model_fields(contexts), episode.frame_qpos(task))[0]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from artifacts import stem_of
-from stages.methods import LEARNING, TRANSLATOR
+from stages.reporting.methods import LEARNING, TRANSLATOR
 from stages.reporting.rows import Run
 
 ALWAYS = ("learner", "iterations", "episodes", "starts")  # of LEARNING, what matters to every reward

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-# (task, method as `stages.methods` names it) -> success rate.
+# (task, method as `stages.reporting.methods` names it) -> success rate.
 SUCCESS = {
     ("reach", "oracle"): 0.90,
     ("reach", "translation"): 0.85,

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from artifacts import Artifact, stem_of
 from stages.reporting.rows import Run
 from stages.reporting.summary import Summary
 
@@ -142,3 +143,31 @@ def _png(figure: Any) -> bytes:
     figure.savefig(drawn, format="png", metadata={"Software": None})
     _pyplot().close(figure)
     return drawn.getvalue()
+
+
+def plot_learning_curves(policies: Sequence[Artifact], threshold: float) -> bytes:
+    """A PNG of policies' learning curves: normalized final distance over samples, one line per policy."""
+    pyplot = _pyplot()
+    figure, axes = pyplot.subplots(figsize=(7, 4.5), dpi=120)
+    for policy in policies:
+        label = f"{stem_of(policy.path)} ({policy.config['reward']})"
+        axes.plot(policy["curve/samples"], policy["curve/normalised_distance"], label=_plain(label))
+    axes.axhline(threshold, color="grey", linestyle="--", linewidth=1, label=f"success below {threshold}")
+    axes.set(xlabel="samples", ylabel="final distance / initial distance", ylim=(0, None))
+    axes.legend(fontsize=7)
+    return _png(figure)
+
+
+def plot_quality(curves: Mapping[str, np.ndarray]) -> bytes:
+    """A PNG of `Quality.curves`: both terms of the reward, and the true distance, over time."""
+    pyplot = _pyplot()
+    figure, axes = pyplot.subplots(1, 3, figsize=(11, 3.4), dpi=110)
+    titles = {"feat": "R_feat", "img": "R_img", "distance": "distance / initial distance"}
+    for panel, (name, title) in zip(axes, titles.items(), strict=True):
+        for kind, colour in (("expert", "tab:green"), ("noisy", "tab:orange"), ("random", "tab:red")):
+            values = curves[f"{kind}/{name}"]
+            panel.plot(values.T, color=colour, alpha=0.25, linewidth=0.8)
+            panel.plot(values.mean(axis=0), color=colour, label=kind)
+        panel.set(title=title, xlabel="frame")
+    axes[0].legend(fontsize=8)
+    return _png(figure)

@@ -12,7 +12,7 @@ import numpy as np
 
 from artifacts import Artifact, ArtifactError, Parent
 from artifacts.schema import Config
-from stages.methods import method_name
+from stages.reporting.methods import method_name
 
 # What `ifo translate` measured before any learning.
 METRICS = (
@@ -159,7 +159,7 @@ def _threshold(artifact: Artifact) -> float:
         return float(recorded)
     # Older evaluations leave it to the task.
     from stages.simulation.gl import choose_backend
-    from stages.simulation.tasks import make_task
+    from stages.simulation.registry import make_task
 
     choose_backend(required=False)
     return float(make_task(artifact.config["task"]).success_threshold)

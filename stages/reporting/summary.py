@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.configs import TASKS
+from stages.config.stages import TASKS
+from stages.reporting.intervals import bootstrap_mean, wilson
 from stages.reporting.paper import SUCCESS
 from stages.reporting.rows import Run
-from stages.statistics import bootstrap_mean, wilson
 
 FIRST = ("oracle", "translation")  # methods, in the order of tables and plots; then what departs from them
 

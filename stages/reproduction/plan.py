@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from stages.configs import TASKS
+from stages.config.stages import TASKS
 
 WHOLE, BLANK, OWN = "whole", "blank", "own"
 

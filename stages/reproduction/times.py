@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from stages.presets import defaults
+from stages.config.presets import defaults
 from stages.reproduction.plan import Job
 
 EXPERT_SAMPLES = 11_000  # a second: physics, policy and TRPO's updates

@@ -20,11 +20,11 @@ from torch.nn import functional as F
 
 from stages.rewards.discriminators import GailDiscriminator, TpilDiscriminator, expert_loss, frozen
 from stages.rewards.frames import FrameReward
-from stages.seeding import generator, integer
+from stages.runtime.seeding import generator, integer
+from stages.runtime.trees import from_tree, to_tree
 from stages.simulation.contexts import Contexts
 from stages.simulation.render import RenderPool
 from stages.simulation.task import Task
-from stages.state import from_tree, to_tree
 from stages.translation.networks import to_images
 
 BATCH = 64  # pairs of frames of each source, a step

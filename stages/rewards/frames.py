@@ -18,11 +18,15 @@ class FrameReward(ABC):
     The reward is given at the control steps whose state a frame shows; the first frame precedes every action and has
     none. One term, unless a subclass reports more; nothing that learning changes, unless it overrides `iterate`,
     `state` and `restore`.
+
+    Attributes:
+        frame_period: Control steps between two frames: how often the reward is given.
     """
 
     def __init__(self, task: Task, context: Contexts, pool: RenderPool):
         """Draw `task` in `context` (leading axis 1)."""
         self._task, self._pool = task, pool
+        self.frame_period: int | None = task.frame_every
         self._fields = task.model_fields(context)
         self._sums: dict[str, float] = {}
         self._episodes = 0
@@ -80,3 +84,9 @@ def tracking_cost(task: Task, targets: np.ndarray, weights: np.ndarray) -> tuple
     cost_weights = np.zeros(task.control_steps + 1)
     cost_weights[np.arange(1, task.frames) * task.frame_every] = 2 * weights[1:]
     return targets[shown], cost_weights
+
+
+def time_weights(ramp: str, frames: int) -> np.ndarray:
+    """Weights (T,) of a video's frames in the reward: j^2, scaled to a mean of one, or ones."""
+    j = np.arange(frames, dtype=np.float64)
+    return j**2 / np.mean(j**2) if ramp == "quadratic" else np.ones_like(j)

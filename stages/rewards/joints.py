@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from stages.rewards.frames import tracking_cost
+from stages.rewards.frames import time_weights, tracking_cost
 from stages.rewards.state import StateReward
-from stages.rewards.translation import time_weights
 from stages.simulation.contexts import Contexts
 from stages.simulation.task import State, Task
 

@@ -17,9 +17,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from stages.rewards.translation import TrackingTarget
-from stages.seeding import generator
-from stages.state import from_tree, to_tree
+from stages.rewards.tracking import TrackingTarget
+from stages.runtime.seeding import generator
+from stages.runtime.trees import from_tree, to_tree
 from stages.translation.networks import Translator, to_images
 
 BATCH = 64  # positives, and as many negatives, a step

@@ -14,9 +14,8 @@ import torch
 from torch import Tensor
 
 from artifacts import UsageError
-from stages.rewards.frames import FrameReward
+from stages.rewards.frames import FrameReward, time_weights
 from stages.rewards.networks import PretrainedNetwork
-from stages.rewards.translation import time_weights
 from stages.simulation.contexts import Contexts
 from stages.simulation.render import RenderPool
 from stages.simulation.task import Task

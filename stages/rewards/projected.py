@@ -21,8 +21,8 @@ import torch
 from torch import Tensor
 
 from artifacts import Artifact
-from stages.rewards.frames import FrameReward, tracking_cost
-from stages.rewards.translation import TrackingTarget, time_weights
+from stages.rewards.frames import FrameReward, time_weights, tracking_cost
+from stages.rewards.tracking import TrackingTarget
 from stages.simulation.contexts import Contexts
 from stages.simulation.render import RenderPool
 from stages.simulation.task import State, Task

@@ -9,7 +9,8 @@ import numpy as np
 import torch
 from scipy.stats import kendalltau
 
-from stages.rewards.translation import TrackingTarget, time_weights
+from stages.rewards.frames import time_weights
+from stages.rewards.tracking import TrackingTarget
 from stages.simulation.batch import HELD, drawn_actions, held, rollout
 from stages.simulation.contexts import Contexts, repeat
 from stages.simulation.render import RenderPool
@@ -146,28 +147,3 @@ def _mean(values: list[float]) -> float:
 def shown_tau(value: float) -> str:
     """A tau as text."""
     return "undefined" if np.isnan(value) else f"{value:.2f}"
-
-
-def plot_quality(quality: Quality) -> bytes:
-    """A PNG: both terms of the reward, and the true distance, over time."""
-    import io
-
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(1, 3, figsize=(11, 3.4), dpi=110)
-    titles = {"feat": "R_feat", "img": "R_img", "distance": "distance / initial distance"}
-    for panel, (name, title) in zip(axes, titles.items(), strict=True):
-        for kind, colour in (("expert", "tab:green"), ("noisy", "tab:orange"), ("random", "tab:red")):
-            values = quality.curves[f"{kind}/{name}"]
-            panel.plot(values.T, color=colour, alpha=0.25, linewidth=0.8)
-            panel.plot(values.mean(axis=0), color=colour, label=kind)
-        panel.set(title=title, xlabel="frame")
-    axes[0].legend(fontsize=8)
-    figure.tight_layout()
-    drawn = io.BytesIO()
-    figure.savefig(drawn, format="png")
-    pyplot.close(figure)
-    return drawn.getvalue()

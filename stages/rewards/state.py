@@ -14,6 +14,8 @@ from stages.simulation.task import State, Task
 class StateReward(ABC):
     """Base of rewards that read the simulator's state: one term, nothing to free."""
 
+    frame_period: int | None = None  # No frames: the reward sees every state.
+
     def __init__(self, task: Task):
         self._task = task
         self._returns: list[np.ndarray] = []

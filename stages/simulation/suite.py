@@ -21,11 +21,11 @@ from dm_control.rl import control
 from dm_control.suite import base
 
 from artifacts.errors import UsageError
-from stages.seeding import generator
+from stages.runtime.seeding import generator
 from stages.simulation.contexts import DISTRIBUTIONS, ContextDistribution, Contexts
+from stages.simulation.registry import distribution, make_task
 from stages.simulation.render import reduced
 from stages.simulation.task import State, Task
-from stages.simulation.tasks import distribution, make_task
 
 DrawContexts = Callable[[np.random.Generator, int], Contexts]
 

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from artifacts import Artifact, ArtifactError
-from stages.configs import ARCHITECTURES
+from stages.config.stages import ARCHITECTURES
 from stages.translation.layers import LEAK, ConvEncoder, DropoutLinear, SkipConvTranspose2d, he_initialise, strided
 
 

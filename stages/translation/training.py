@@ -15,13 +15,13 @@ import torch
 from torch import Tensor
 
 from artifacts import UsageError, sibling
-from stages.board import TensorBoard
-from stages.checkpoints import Checkpoints
-from stages.configs import LOSSES, TranslatorConfig
-from stages.processes import Processes
-from stages.run import RunOptions
-from stages.seeding import generator, integer
-from stages.state import from_tree, to_tree
+from stages.config.stages import LOSSES, TranslatorConfig
+from stages.runtime.checkpoints import Checkpoints
+from stages.runtime.processes import Processes
+from stages.runtime.run import RunOptions
+from stages.runtime.seeding import generator, integer
+from stages.runtime.tensorboard import TensorBoard
+from stages.runtime.trees import from_tree, to_tree
 from stages.translation.alignment import video_index
 from stages.translation.augmentation import augmented
 from stages.translation.layers import DropoutLinear
@@ -33,6 +33,7 @@ FINAL_RATE = 0.02  # of the peak, at the end of the cosine
 GRADIENT_NORM = 50.0
 ALIGN_AT = (0.2, 0.5)  # shares of the steps after which videos are aligned, and aligned better
 SHOW_EVERY = 0.2  # seconds between two updates of the progress bar; each reads losses, and so waits for a GPU
+FEWEST = 4  # demonstrations: two to train on, two held out
 GPU_SHARE = 0.5  # of a GPU's free memory that training videos may take
 
 
@@ -299,3 +300,8 @@ def train(
         raise checkpoints.interrupted(f"{training.step} of {config.steps} steps") from error
     run.progress.say(f"translator: {training.step - first} steps in {time.monotonic() - start:.0f} s")
     return curve
+
+
+def held_out_count(demonstrations: int, wanted: int) -> int:
+    """Demonstrations never trained on, the file's last: `wanted`, but at most a fifth and at least two."""
+    return max(min(wanted, demonstrations // 5), 2)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from artifacts import Interrupted, checkpoint_path, read_artifact, write_artifact
-from stages.configs import TranslatorConfig
-from stages.run import RunOptions
+from stages.config.stages import TranslatorConfig
+from stages.runtime.run import RunOptions
 from stages.train_translator import train_translator
 from stages.translation.training import TranslatorTraining
 
@@ -26,7 +26,7 @@ BROKEN = """
 import os, sys
 from artifacts import PlatformError
 from stages.translation.training import TranslatorTraining
-from stages.processes import Processes
+from stages.runtime.processes import Processes
 where, step = sys.argv.pop(1), int(sys.argv.pop(1))
 
 def broken(*_):

@@ -10,7 +10,7 @@ import pytest
 
 from artifacts import read_artifact, write_artifact
 from ifo_cli.main import main
-from stages.simulation.push import CANONICAL_GOAL
+from stages.simulation.tasks.push import CANONICAL_GOAL
 
 pytestmark = pytest.mark.gl
 EXAMPLES = Path(__file__).parents[1] / "examples"

@@ -3,9 +3,9 @@
 import numpy as np
 
 from stages.simulation.contexts import ContextDistribution, Contexts, draw_camera
-from stages.simulation.fields import ModelFields
-from stages.simulation.scene import add_goal, add_table, make_scene
 from stages.simulation.task import State, Task
+from stages.simulation.tasks.fields import ModelFields
+from stages.simulation.tasks.scene import add_goal, add_table, make_scene
 
 
 class Glide(Task):

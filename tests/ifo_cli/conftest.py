@@ -11,7 +11,7 @@ import pytest
 
 from artifacts import write_artifact
 from ifo_cli.main import main
-from stages.run import StageResult
+from stages.runtime.run import StageResult
 
 STAGE_FUNCTIONS = {
     "train-expert": "train_expert",

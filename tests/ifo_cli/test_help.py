@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from ifo_cli.main import app
-from stages.configs import STAGES
-from stages.presets import PRESETS
+from stages.config.presets import PRESETS
+from stages.config.stages import STAGES
 
 ROOT = Path(__file__).parents[2]
 COMMANDS = [command.name for command in app.registered_commands]

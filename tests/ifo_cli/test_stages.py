@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from artifacts import Interrupted, PlatformError, UsageError
-from stages.presets import PRESETS
+from stages.config.presets import PRESETS
 
 ROOT = Path(__file__).parents[2]
 CHAIN = [

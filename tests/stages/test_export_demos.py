@@ -18,7 +18,7 @@ import pytest
 
 from artifacts import read_artifact, write_artifact
 from ifo_cli.main import main
-from stages.datasets import hdf5_writing, lerobot_videos, lerobot_writing
+from stages.datasets import hdf5_writing, lerobot_video_writer, lerobot_writing
 from tests.stages.videos import picture
 
 N, T, FPS = 5, 7, 5
@@ -206,9 +206,9 @@ def check_statistics(root):
 
 @pytest.mark.parametrize("video", [True, False])
 def test_lerobot_in_several_files_and_chunks(ifo, demos, tmp_path, monkeypatch, video):
-    for module in (lerobot_videos, lerobot_writing):
+    for module in (lerobot_video_writer, lerobot_writing):
         monkeypatch.setattr(module, "CHUNK", 2)
-    monkeypatch.setattr(lerobot_videos, "VIDEO_BYTES", 1)
+    monkeypatch.setattr(lerobot_video_writer, "VIDEO_BYTES", 1)
     monkeypatch.setattr(lerobot_writing, "DATA_BYTES", 1)
     path = demos()
     words = ["--video"] if video else []

@@ -14,10 +14,10 @@ import pytest
 
 from artifacts import UsageError, read_artifact, read_mp4, read_png, verify_artifact, write_png
 from ifo_cli.main import main
-from stages.configs import TranslateConfig
-from stages.progress import Progress
-from stages.run import RunOptions
-from stages.simulation.tasks import distribution, learner_context, make_task
+from stages.config.stages import TranslateConfig
+from stages.runtime.progress import Progress
+from stages.runtime.run import RunOptions
+from stages.simulation.registry import distribution, learner_context, make_task
 from stages.translate import _simulate_context
 from tests.stages.videos import FPS, X265, cut, number_in, picture, write_sound, write_video
 

@@ -14,11 +14,11 @@ import pytest
 
 import stages.reproduce
 from artifacts import ArtifactError, PlatformError
-from stages.configs import TASKS
-from stages.progress import Progress
+from stages.config.stages import TASKS
 from stages.reproduce import Execution, missing, reproduce
 from stages.reproduction.plan import ABLATED, COMPARED, METHODS, Grid, Job, plan, wanted
 from stages.reproduction.times import longest_chain, minutes
+from stages.runtime.progress import Progress
 
 ROOT = Path(__file__).parents[2]
 LOCAL = Execution("local", 2, "ifo reproduce")
@@ -145,7 +145,7 @@ import sys
 sys.path.insert(0, {tests!r})
 from pathlib import Path
 import stages.reproduce
-from stages.progress import Progress
+from stages.runtime.progress import Progress
 from stages.reproduction.plan import Grid
 from artifacts import IfoError
 from test_reproduce import LOCAL, WAITING, shell_job

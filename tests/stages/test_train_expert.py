@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from artifacts import read_artifact
-from stages.configs import TASKS
-from stages.presets import defaults
-from stages.run import RunOptions
+from stages.config.presets import defaults
+from stages.config.stages import TASKS
+from stages.runtime.run import RunOptions
 from stages.train_expert import CONSISTENT_SPREAD, train_expert
 
 

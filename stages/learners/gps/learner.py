@@ -20,15 +20,14 @@ from typing import Any
 import numpy as np
 
 from artifacts import UsageError
-from stages.configs import TRACKED_REWARDS, LearnerConfig, PolicyConfig
+from stages.config.stages import TRACKED_REWARDS, LearnerConfig, PolicyConfig
 from stages.learners.environment import EpisodeEnv
 from stages.learners.gps.controller import LinearGaussianController
 from stages.learners.gps.gmm import Mixture
 from stages.learners.gps.gps import Improvement, Search, iterate
 from stages.learners.gps.lqr import QuadraticCost, on_part
-from stages.rewards.base import TrackingReward
-from stages.rewards.frames import FrameReward
-from stages.seeding import generator
+from stages.learners.reward import TrackingReward
+from stages.runtime.seeding import generator
 from stages.simulation.task import State, Task
 
 MOST_STEPS = 200  # control steps an episode: over many more, errors of the dynamics add up to nonsense
@@ -136,7 +135,7 @@ class GuidedPolicySearch:
         self._penalty = ACTION_COST * self._standing_still() * np.eye(env.task.action_size)
         self._cost = self._tracking()
         self.last: Improvement | None = None
-        self._period = env.task.frame_every if isinstance(reward, FrameReward) else None
+        self._period = reward.frame_period
         self._iterations = 0
         self._refined = -1 if reward.finer is None else max(int(REFINED * config.iterations), 1, self._apart)
         self._fresh = False

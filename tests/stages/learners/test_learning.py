@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from artifacts import pack, unpack
-from stages.checkpoints import Checkpoints
-from stages.configs import LearnerConfig
+from stages.config.stages import LearnerConfig
 from stages.learners import loop
 from stages.learners.algorithms import learner_state, make_learner, restore_learner
 from stages.learners.environment import EpisodeEnv
 from stages.learners.loop import is_flat
-from stages.progress import Progress
 from stages.rewards.state import OracleReward
-from stages.run import RunOptions
+from stages.runtime.checkpoints import Checkpoints
+from stages.runtime.progress import Progress
+from stages.runtime.run import RunOptions
 from stages.simulation.contexts import DISTRIBUTIONS, repeat
-from stages.simulation.reach import Reach
+from stages.simulation.tasks.reach import Reach
 
 SMALL = LearnerConfig(episodes=8, hidden=16)
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from artifacts import UsageError, read_png, sibling, write_artifact, write_mp4
-from stages.progress import Progress
 from stages.report import report
 from stages.reporting import videos
+from stages.runtime.progress import Progress
 
 MOVING = np.random.default_rng(0).integers(0, 255, (8, 24, 24, 3), dtype=np.uint8)
 

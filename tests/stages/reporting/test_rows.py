@@ -10,10 +10,10 @@ import pytest
 
 from artifacts import ArtifactError, write_artifact
 from stages.reporting.counting import count_once
+from stages.reporting.intervals import bootstrap_mean, wilson
 from stages.reporting.plots import ablated, mean_curve
 from stages.reporting.rows import COLUMNS, as_csv
 from stages.reporting.summary import summarise
-from stages.statistics import bootstrap_mean, wilson
 
 
 def policy(folder, name, weight=0.0):

@@ -5,12 +5,12 @@ import pytest
 import torch
 
 from artifacts import UsageError, pack, unpack
-from stages.configs import PolicyConfig
+from stages.config.stages import PolicyConfig
 from stages.learn_policy import learn_policy
-from stages.progress import Progress
 from stages.rewards.adversarial import CLIP, GailReward, Schedule, TpilReward
 from stages.rewards.discriminators import GailDiscriminator, TpilDiscriminator
-from stages.run import RunOptions
+from stages.runtime.progress import Progress
+from stages.runtime.run import RunOptions
 
 SCHEDULE = Schedule(steps=30, rate=1e-3)
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from stages.rewards.joints import JointsReward
-from stages.simulation.push import Push
 from stages.simulation.task import State
+from stages.simulation.tasks.push import Push
 
 
 def returns(reward, task, qpos):

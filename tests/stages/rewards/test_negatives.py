@@ -5,12 +5,12 @@ import pytest
 import torch
 
 from artifacts import UsageError, pack, unpack
-from stages.configs import PolicyConfig
+from stages.config.stages import PolicyConfig
 from stages.learn_policy import learn_policy
-from stages.progress import Progress
 from stages.rewards.negatives import CAPACITY, NegativeTuning
-from stages.rewards.translation import TrackingTarget, motion
-from stages.run import RunOptions
+from stages.rewards.tracking import TrackingTarget, motion
+from stages.runtime.progress import Progress
+from stages.runtime.run import RunOptions
 from stages.translation.networks import to_images
 
 T, SIZE = 4, 16

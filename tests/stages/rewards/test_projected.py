@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+from stages.learners.reward import TrackingReward as TrackingProtocol
 from stages.rewards import projected
-from stages.rewards.base import TrackingReward as TrackingProtocol
 from stages.rewards.projected import ProjectedTrackingReward, embedding, principal_components
-from stages.rewards.translation import TrackingReward, TrackingTarget, motion
+from stages.rewards.tracking import TrackingReward, TrackingTarget, motion
 from stages.translation.networks import CompactTranslator, to_images
 
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from stages.rewards.quality import EPISODES, WAY, plot_quality, reward_quality
-from stages.rewards.translation import TrackingTarget, motion
+from stages.reporting.plots import plot_quality
+from stages.rewards.quality import EPISODES, WAY, reward_quality
+from stages.rewards.tracking import TrackingTarget, motion
 from stages.simulation.batch import BatchSimulation, rollout
+from stages.simulation.registry import distribution, make_task
 from stages.simulation.render import RenderPool
-from stages.simulation.tasks import distribution, make_task
 from stages.translation.networks import make_translator, to_images
 
 pytestmark = pytest.mark.gl

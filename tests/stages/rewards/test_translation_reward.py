@@ -7,11 +7,12 @@ import pytest
 import torch
 
 from stages.rewards.state import OracleReward
-from stages.rewards.translation import BatchTranslationReward, TrackingTarget, gaussian, motion
+from stages.rewards.tracking import TrackingTarget, gaussian, motion
+from stages.rewards.translation import BatchTranslationReward
 from stages.simulation.contexts import DISTRIBUTIONS
-from stages.simulation.reach import Reach
 from stages.simulation.render import RenderPool
 from stages.simulation.task import State
+from stages.simulation.tasks.reach import Reach
 from stages.translation.networks import CompactTranslator, to_images
 
 pytestmark = pytest.mark.gl

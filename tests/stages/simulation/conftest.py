@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stages.configs import TASKS
-from stages.simulation.tasks import distribution, make_task
+from stages.config.stages import TASKS
+from stages.simulation.registry import distribution, make_task
 
 
 @pytest.fixture(scope="session", params=(*TASKS, "push-real", "ladle-almonds"))

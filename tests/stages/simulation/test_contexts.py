@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from artifacts import UsageError
-from stages.configs import TASKS
+from stages.config.stages import TASKS
 from stages.simulation.contexts import DISTRIBUTIONS, FACTORS, RED, camera_pose, draw_colours, repeat, take
-from stages.simulation.push import WHITE
-from stages.simulation.sweep import GREY
-from stages.simulation.tasks import distribution, make_task
+from stages.simulation.registry import distribution, make_task
+from stages.simulation.tasks.push import WHITE
+from stages.simulation.tasks.sweep import GREY
 
 N = 2000
 SHOWN_BY = {

@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from stages.configs import TASKS
-from stages.simulation import push, reach, strike, sweep
+from stages.config.stages import TASKS
 from stages.simulation.batch import BatchSimulation
-from stages.simulation.tasks import distribution, make_task
+from stages.simulation.registry import distribution, make_task
+from stages.simulation.tasks import push, reach, strike, sweep
 
 EPISODES = 1000
 SOFT = 0.02  # metres that a soft contact gives way

@@ -152,7 +152,7 @@ def main():
     choose_backend()
     from stages.simulation import suite
     from stages.simulation.render import reduced, RenderPool, TileRenderer
-    from stages.simulation.tasks import distribution, make_task
+    from stages.simulation.registry import distribution, make_task
 
     task = make_task("reach")
     contexts = task.draw_contexts(np.random.default_rng(0), 6, distribution("paper"))

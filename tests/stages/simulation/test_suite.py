@@ -7,11 +7,11 @@ import pytest
 from dm_env import specs
 
 from artifacts import UsageError
-from stages.seeding import generator
+from stages.runtime.seeding import generator
 from stages.simulation import suite
 from stages.simulation.batch import rollout
+from stages.simulation.registry import distribution
 from stages.simulation.render import TileRenderer
-from stages.simulation.tasks import distribution
 
 OPTIONS = [
     pytest.param({"observe": "learner"}, id="learner"),

@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 from artifacts import UsageError
-from stages.configs import TASKS
-from stages.presets import defaults
+from stages.config.presets import defaults
+from stages.config.stages import TASKS
 from stages.simulation.contexts import FACTORS
-from stages.simulation.dm import DmTask
-from stages.simulation.push import Push
-from stages.simulation.reach import Reach
-from stages.simulation.strike import Strike
-from stages.simulation.sweep import Sweep
-from stages.simulation.tasks import TRUSTED, distribution, file_name, make_task
+from stages.simulation.registry import TRUSTED, distribution, file_name, make_task
+from stages.simulation.tasks.dm import DmTask
+from stages.simulation.tasks.push import Push
+from stages.simulation.tasks.reach import Reach
+from stages.simulation.tasks.strike import Strike
+from stages.simulation.tasks.sweep import Sweep
 
 MODULE = """
-    from stages.simulation.reach import Reach
+    from stages.simulation.tasks.reach import Reach
 
     class Slow(Reach):
         name = "slow"

@@ -8,7 +8,7 @@ import torch
 
 from artifacts import PlatformError
 from stages.collect_demos import playback
-from stages.configs import TranslatorConfig
+from stages.config.stages import TranslatorConfig
 from stages.translation import alignment
 from stages.translation.alignment import at_index, common_index
 from stages.translation.training import ALIGN_AT, TranslatorTraining

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import torch
 
-from stages.configs import TranslatorConfig
+from stages.config.stages import TranslatorConfig
 from stages.translation import augmentation
 from stages.translation.augmentation import augmented
 from stages.translation.training import TranslatorTraining

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from artifacts import pack, unpack
-from stages.configs import TranslatorConfig
+from stages.config.stages import TranslatorConfig
 from stages.translation import training as module
 from stages.translation.evaluation import evaluate_translator
 from stages.translation.training import TranslatorTraining

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from artifacts import pack, unpack
-from stages.configs import LOSSES, TranslatorConfig
-from stages.presets import defaults
+from stages.config.presets import defaults
+from stages.config.stages import LOSSES, TranslatorConfig
 from stages.translation.evaluation import evaluate_translator
 from stages.translation.training import GRADIENT_NORM, TranslatorTraining
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from artifacts import ArtifactError, Interrupted, UsageError, pack, read_artifact, unpack, write_artifact
-from stages.checkpoints import Checkpoints
-from stages.configs import LearnerConfig, PolicyConfig
+from stages.config.presets import defaults
+from stages.config.stages import LearnerConfig, PolicyConfig
 from stages.learners import loop
 from stages.learners.algorithms import learner_state, make_learner, restore_learner
 from stages.learners.environment import EpisodeEnv
@@ -17,14 +17,14 @@ from stages.learners.gps.gps import STEP_CHANGE, Search, improve, iterate, step_
 from stages.learners.gps.learner import EXPLORATION
 from stages.learners.gps.lqr import backward, divergence, forward, on_part
 from stages.learners.policy import Policy, policy_weights
-from stages.presets import defaults
-from stages.progress import Progress
 from stages.rewards.state import GoalReward, OracleReward
-from stages.run import RunOptions
+from stages.runtime.checkpoints import Checkpoints
+from stages.runtime.progress import Progress
+from stages.runtime.run import RunOptions
 from stages.simulation.batch import rollout
 from stages.simulation.contexts import DISTRIBUTIONS, repeat
-from stages.simulation.reach import Reach
-from stages.simulation.tasks import learner_context, make_task
+from stages.simulation.registry import learner_context, make_task
+from stages.simulation.tasks.reach import Reach
 
 CONFIG = LearnerConfig(learner="gps", episodes=10, kl=1.0, log_std=0.0)
 SMALL = dataclasses.replace(CONFIG, episodes=5, iterations=4, checkpoint_every=2)

@@ -1,0 +1,1 @@
+"""What stages are told: configuration classes and presets."""

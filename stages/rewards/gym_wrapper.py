@@ -1,0 +1,197 @@
+"""The translation's reward on any Gymnasium environment that shows frames, for any library that learns there.
+
+env = TranslationReward(gymnasium.make("ifo/Reach-v0", render_mode="rgb_array"), "runs/reach-c0.translation.h5")
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any, SupportsFloat
+
+import cv2
+import gymnasium
+import numpy as np
+from gymnasium.utils import RecordConstructorArgs
+
+from artifacts import Artifact, UsageError, read_artifact
+from stages.config.presets import DEFAULT_PRESET, PRESETS, defaults
+from stages.config.stages import RAMPS, REWARD_TERMS, PolicyConfig
+from stages.rewards.frames import time_weights
+from stages.rewards.tracking import TrackingReward, TrackingTarget
+from stages.runtime.devices import pick_device
+from stages.translation.networks import load_translator
+
+
+class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
+    """Replaces an environment's reward by that of tracking a translated video (Sec. V.A).
+
+    Frame j = 1 .. T-1 of the target is compared with what the environment shows after `j * frame_every` steps; all
+    other steps are rewarded by zero. `info` tells the environment's own reward, `env_reward`, and both terms,
+    `reward_feat` and `reward_img`, weighted as they enter the reward.
+    """
+
+    def __init__(
+        self,
+        env: gymnasium.Env,
+        translation: str | Path,
+        frame_every: int | None = None,
+        without: Collection[str] = (),
+        image_weight: float | None = None,
+        blur: float | None = None,
+        ramp: str | None = None,
+        device: str = "cpu",
+        pixels: str | None = None,
+    ):
+        """Track the target of a translation, be its context simulated or an image.
+
+        Args:
+            env: Where to learn; it must show the translation's context.
+            translation: Path of the `translation` artifact; the translator that it names must be at hand.
+            frame_every: Steps between two frames (None: as in the task of the translation).
+            without: Terms to switch off, of `feat` and `img`.
+            image_weight: w_rec.
+            blur: Standard deviation, in pixels, of the Gaussian that R_img also compares images under.
+            ramp: Weight of a frame's reward over time: `none`, `quadratic`, or `task`, as the paper has it in the task.
+            device: `auto`, `cpu`, `cuda` or `cuda:N`.
+            pixels: Key of the observation that holds frames (H, W, 3), uint8. None: frames are drawn by `env.render`.
+                Frames larger than the translator's are reduced to its size by averaging over areas.
+
+        What is None of image_weight, blur and ramp is what `ifo learn-policy` would use.
+
+        Raises:
+            ArtifactError: The translation or its translator is missing or damaged.
+            PlatformError: The device is not there.
+            UsageError: The environment shows no frames, or too small ones; a frame_every is needed.
+        """
+        RecordConstructorArgs.__init__(
+            self,
+            translation=str(translation),
+            frame_every=frame_every,
+            without=tuple(without),
+            image_weight=image_weight,
+            blur=blur,
+            ramp=ramp,
+            device=device,
+            pixels=pixels,
+        )
+        gymnasium.Wrapper.__init__(self, env)
+        source = read_artifact(translation, "translation")
+        learning = _learning(source)
+        device = pick_device(device)
+        target = TrackingTarget.of(source, learning.blur if blur is None else blur, device)
+        self._size = (int(target.images.shape[2]), int(target.images.shape[3]))
+        self._frames = len(target.images)
+        self._pixels = pixels
+        self._checked = False
+        self._step = 0
+        self._check_shown()
+        self._frame_every = _frame_every(source) if frame_every is None else frame_every
+        if self._frame_every < 1:
+            raise UsageError(f"frame_every={frame_every}: expected 1 or more steps between two frames")
+        self._reward = TrackingReward(
+            load_translator(source.parent("translator", check=True), device),
+            target,
+            time_weights(_ramp(source, ramp or learning.ramp), self._frames),
+            learning.image_weight if image_weight is None else image_weight,
+            _without(without),
+            device,
+        )
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Start an episode, at frame 0 of the target."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._step = 0
+        if not self._checked:  # What `render` returns shows only now; better than after the first action.
+            self._shown(observation)
+            self._checked = True
+        return observation, info
+
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Take `action`; the reward is how well what is then shown follows the target."""
+        observation, env_reward, terminated, truncated, info = self.env.step(action)
+        self._step += 1
+        frame, between = divmod(self._step, self._frame_every)
+        terms = dict.fromkeys(REWARD_TERMS, 0.0)
+        if not between and frame < self._frames:
+            shown = self._reward(self._shown(observation)[None], frame)
+            terms |= {term: float(values[0]) for term, values in shown.items()}
+        info = {**info, "env_reward": env_reward, **{f"reward_{term}": value for term, value in terms.items()}}
+        return observation, sum(terms.values()), terminated, truncated, info
+
+    def _shown(self, observation: Any) -> np.ndarray:
+        """What the environment shows now, (H, W, 3) of the translator's size, uint8."""
+        image: Any = self.env.render() if self._pixels is None else observation[self._pixels]
+        if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+            raise UsageError("TranslationReward: the environment shows no RGB image, expected (H, W, 3) of uint8")
+        self._check_size(image.shape)
+        if image.shape[:2] == self._size:
+            return np.ascontiguousarray(image)  # `render` may return a flipped view.
+        return cv2.resize(image, self._size[::-1], interpolation=cv2.INTER_AREA)
+
+    def _check_shown(self) -> None:
+        """Refuse environments without frames, as far as that can be told before the first episode."""
+        if self._pixels is None:
+            if self.env.render_mode != "rgb_array":
+                raise UsageError(
+                    f"TranslationReward: the environment's render_mode is {self.env.render_mode!r}, expected "
+                    "'rgb_array'; make it so, or name the key of its observations that holds frames by pixels="
+                )
+            return
+        space = self.env.observation_space
+        images = {
+            name: part.shape
+            for name, part in (space.spaces.items() if isinstance(space, gymnasium.spaces.Dict) else ())
+            if isinstance(part, gymnasium.spaces.Box) and part.dtype == np.uint8 and part.shape[2:] == (3,)
+        }
+        if self._pixels not in images:
+            there = f"keys with images are {', '.join(images)}" if images else "no key has images"
+            raise UsageError(
+                f"TranslationReward: pixels={self._pixels!r}: expected a key of a dict observation that holds images "
+                f"(H, W, 3) of uint8; here {there}"
+            )
+        self._check_size(images[self._pixels])
+
+    def _check_size(self, shape: tuple[int, ...]) -> None:
+        if shape[0] < self._size[0] or shape[1] < self._size[1]:
+            raise UsageError(
+                f"TranslationReward: the environment's frames have {shape[1]}x{shape[0]} pixels, expected "
+                f"{self._size[1]}x{self._size[0]}, the translator's, or more"
+            )
+
+
+def _learning(source: Artifact) -> PolicyConfig:
+    """What learn-policy would use on this translation."""
+    preset = source.config.get("preset")
+    return defaults(preset if preset in PRESETS else DEFAULT_PRESET, "learn-policy", source.config.get("task") or "")
+
+
+def _frame_every(source: Artifact) -> int:
+    """Control steps between two frames of the translation's task."""
+    from stages.simulation.registry import make_task
+
+    if not source.config.get("task"):
+        raise UsageError(
+            f"TranslationReward: {source.path} is of no simulated task: say how many steps there are between two "
+            "frames by frame_every="
+        )
+    return make_task(source.config["task"]).frame_every
+
+
+def _ramp(source: Artifact, ramp: str) -> str:
+    """`ramp`, or the task's own; none, where there is no simulated task."""
+    from stages.simulation.registry import make_task
+
+    if ramp not in RAMPS:
+        raise UsageError(f"TranslationReward: ramp={ramp!r}: expected one of {', '.join(RAMPS)}")
+    if ramp != "task":
+        return ramp
+    return make_task(source.config["task"]).ramp if source.config.get("task") else "none"
+
+
+def _without(without: Collection[str]) -> tuple[str, ...]:
+    """`without`, if it is a collection of terms that leaves one."""
+    terms = (without,) if isinstance(without, str) else tuple(without)
+    if not set(terms) < set(REWARD_TERMS):
+        raise UsageError(f"TranslationReward: without={terms}: expected one of {', '.join(REWARD_TERMS)} at most")
+    return terms

@@ -1,0 +1,1 @@
+"""What a run needs: devices, processes, progress, checkpoints, seeding."""

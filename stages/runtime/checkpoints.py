@@ -1,0 +1,85 @@
+"""Checkpoints of the stages that take long: one beside the artifact, until the artifact is there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from artifacts import (
+    Interrupted,
+    UsageError,
+    checkpoint_path,
+    read_checkpoint,
+    remove_checkpoint,
+    sha256_of,
+    write_checkpoint,
+)
+from stages.runtime.run import RunOptions
+
+
+class Checkpoints:
+    """The checkpoint of one run of a stage."""
+
+    def __init__(self, run: RunOptions, out: Path, stage: str, config: dict[str, Any], parents: list[Path]):
+        self._run, self._out, self._stage, self._config, self._parents = run, out, stage, config, parents
+        self._path = checkpoint_path(out)
+        self._others = _identity(self._path)
+
+    def start(self) -> Any:
+        """The state to continue from: that of the checkpoint if `run.resume` and there is one, else None.
+
+        Raises:
+            UsageError: The checkpoint was written under another configuration, seed or input.
+        """
+        if not self._run.resume:
+            return None
+        if not self._path.exists():
+            self._run.progress.say(f"no checkpoint beside {self._out}: starting from the beginning")
+            return None
+        manifest, state = read_checkpoint(self._path, stage=self._stage)
+        found = manifest.config
+        other = sorted(key for key in found.keys() | self._config.keys() if found.get(key) != self._config.get(key))
+        if manifest.seed != self._run.seed:
+            other.append("seed")
+        if [parent.sha256 for parent in manifest.parents] != [sha256_of(parent) for parent in self._parents]:
+            other.append("input file")
+        if other:
+            raise UsageError(
+                f"--resume: {self._path} was written with another {', '.join(other)}; give the same, or start anew"
+            )
+        self._others = None
+        self._run.progress.say(f"resuming {self._out.name} from {self._path.name}")
+        return state
+
+    def save(self, state: Any) -> None:
+        """Write the checkpoint, whole or not at all; `state` is a tree of arrays and plain values."""
+        write_checkpoint(
+            self._path,
+            state,
+            stage=self._stage,
+            config=self._config,
+            seed=self._run.seed,
+            command=self._run.command,
+            parents=self._parents,
+        )
+
+    def interrupted(self, done: str) -> Interrupted:
+        """What to raise after a keyboard interrupt; `done` says how far the stage was."""
+        # By what is on the disk: the interrupt may have come between writing the checkpoint and saying so.
+        if _identity(self._path) in (None, self._others):
+            return Interrupted(f"interrupted after {done}; there is no checkpoint yet")
+        again = self._run.command if self._run.resume else f"{self._run.command} --resume"
+        return Interrupted(f"interrupted after {done}; kept {self._path}; continue with: {again}")
+
+    def remove(self) -> None:
+        """Remove the checkpoint: the artifact is written."""
+        remove_checkpoint(self._out)
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """What tells a file from one that replaces it; None: there is none."""
+    try:
+        found = path.stat()
+    except FileNotFoundError:
+        return None
+    return found.st_ino, found.st_mtime_ns

@@ -1,0 +1,67 @@
+"""What every stage is told beside its own configuration, and what it answers."""
+
+from __future__ import annotations
+
+import dataclasses
+import platform
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from stages.runtime.processes import Processes
+from stages.runtime.progress import Progress
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How to run a stage.
+
+    Attributes:
+        preset: Name of the preset that open options came from; recorded for the stages downstream.
+        seed: The run's only seed.
+        device: `auto`, `cpu`, `cuda` or `cuda:N`.
+        workers: Threads and render processes; 0: one a core.
+        out: Path of the artifact; None: `runs/NAME.KIND.h5`.
+        resume: Continue from the checkpoint beside `out` where there is one.
+        command: The command line, for the artifact's lineage.
+        progress: Where progress and messages go.
+        processes: The processes that share the run.
+    """
+
+    preset: str = "quick"
+    seed: int = 0
+    device: str = "auto"
+    workers: int = 0
+    out: Path | None = None
+    resume: bool = False
+    command: str = "ifo"
+    progress: Progress = field(default_factory=Progress)
+    processes: Processes = field(default_factory=Processes)
+
+
+@dataclass(frozen=True)
+class StageResult:
+    """What a stage wrote: the artifact's path, and figures for `--json` and for people."""
+
+    path: Path
+    summary: dict[str, Any]
+
+
+def full_config(stage: str, config: Any, run: RunOptions, **extra: Any) -> dict[str, Any]:
+    """The whole configuration of a run as JSON-ready values, as the artifact keeps it."""
+    values = {key: list(value) if isinstance(value, tuple) else value for key, value in vars_of(config).items()}
+    return {"stage": stage, "preset": run.preset, **extra, **values}
+
+
+def vars_of(config: Any) -> dict[str, Any]:
+    """The fields of a configuration dataclass."""
+    return {item.name: getattr(config, item.name) for item in dataclasses.fields(config)}
+
+
+def environment(device: str = "cpu") -> dict[str, str]:
+    """Versions and devices that a result may depend on."""
+    import os
+
+    versions = {name: metadata.version(name) for name in ("torch", "mujoco", "numpy", "stable-baselines3")}
+    return {"python": platform.python_version(), "gl": os.environ.get("MUJOCO_GL", ""), "device": device, **versions}

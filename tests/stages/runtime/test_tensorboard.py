@@ -1,0 +1,34 @@
+"""What cannot be written is one line, whoever fails to write it."""
+
+import threading
+
+import pytest
+
+from artifacts import PlatformError
+from stages.runtime.tensorboard import TensorBoard
+
+
+def test_a_folder_that_cannot_be_made(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(PlatformError, match=r"x\.tensorboard: cannot be written .*choose another place"):
+        TensorBoard(tmp_path / "file" / "x.tensorboard")
+
+
+def test_a_disk_that_is_full(tmp_path, monkeypatch, capsys):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("tensorboard.summary.writer.record_writer.RecordWriter.write", full)
+    with pytest.raises(PlatformError, match="No space left on device"):
+        TensorBoard(tmp_path / "x.tensorboard")
+    assert capsys.readouterr().err == "" and not any(tmp_path.iterdir())
+
+
+def test_other_threads_are_heard_of(tmp_path, monkeypatch):
+    told = []
+    monkeypatch.setattr("stages.runtime.tensorboard._usual", told.append)
+    with TensorBoard(tmp_path / "x.tensorboard") as board:
+        board.write(1, {"loss": 1.0, "nothing": float("nan")})
+    thread = threading.Thread(target=lambda: 1 / 0)
+    thread.start(), thread.join()
+    assert [what.exc_type for what in told] == [ZeroDivisionError]
