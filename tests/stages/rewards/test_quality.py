@@ -83,7 +83,7 @@ def test_curves_hold_every_episode_and_frame(scene, quality):
         assert (judged.curves[f"{kind}/feat"] <= 0).all()
     assert judged.curves["way/img"].shape == (len(WAY), task.frames)
     assert judged.curves["way/img"][-1] == pytest.approx(0.0, abs=1e-5), "all of the expert's motion is the target"
-    assert plot_quality(judged).startswith(b"\x89PNG")
+    assert plot_quality(judged.curves).startswith(b"\x89PNG")
 
 
 def test_the_same_generator_gives_the_same_figures(quality):
