@@ -1,17 +1,16 @@
 #!/usr/bin/env bash
-# Make .venv: pinned packages, a CPU build of torch where there is no GPU, and a library to draw with.
-# `make` runs it when pyproject.toml or constraints.txt is newer than the last run.
+# Make .venv: pinned packages, the CPU build of torch if there is no GPU, and the OpenGL libraries for rendering.
+# `make` runs it when pyproject.toml or constraints.txt is newer than the last run that succeeded.
 set -euo pipefail
 cd "$(dirname "$0")/.."
+# shellcheck source=.ci/apt.sh
+source .ci/apt.sh
 
 readonly VENV=.venv
-readonly GL_PACKAGES="libegl1 libgl1-mesa-dri"
 readonly TORCH_CPU_INDEX=https://download.pytorch.org/whl/cpu
 
 say() { echo "setup: $*" >&2; }
 die() { say "$*"; exit 4; }
-root_with_apt() { [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; }
-apt_install() { apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -qq -y "$@" >/dev/null; }
 
 find_python() {
     local candidate
@@ -49,7 +48,11 @@ urllib.request.urlopen(urllib.request.Request(sys.argv[1], method="HEAD"), timeo
 PYTHON
 }
 
-pip_install() { $VENV/bin/python -m pip install --quiet --disable-pip-version-check "$@" >&2; }
+# --use-pep517: what comes as a source distribution without pyproject.toml is built by the supported route.
+pip_install() {
+    quietly $VENV/bin/python -m pip install --quiet --disable-pip-version-check --use-pep517 "$@" ||
+        die "pip cannot install the packages (its messages are above)"
+}
 
 install_packages() {
     local torch
@@ -66,20 +69,30 @@ install_packages() {
     pip_install -e '.[dev]' -c constraints.txt
 }
 
-gl_works() {
-    $VENV/bin/python -c 'from stages.simulation.gl import choose_backend; choose_backend()' 2>/dev/null
+# Prints why nothing can be rendered, on one line, and fails; succeeds if a picture was rendered just now.
+gl_problem() {
+    $VENV/bin/python -c '
+from artifacts.errors import IfoError
+from stages.simulation.gl import choose_backend, forget_backend
+forget_backend()  # The remembered answer may be older than the libraries.
+try:
+    choose_backend()
+except IfoError as error:
+    raise SystemExit(str(error)) from None
+' 2>&1 | tail -n 1
 }
 
 install_gl() {
-    gl_works && return
+    local problem packages
+    problem=$(gl_problem) && return
+    packages=$($VENV/bin/python -c 'from stages.simulation.gl import PACKAGES; print(*PACKAGES)')
     if root_with_apt; then
-        say "installing $GL_PACKAGES to draw with"
-        # shellcheck disable=SC2086  # two packages
-        apt_install $GL_PACKAGES || true
-        gl_works && return
+        say "installing $packages for rendering"
+        # shellcheck disable=SC2086  # several packages
+        apt_install $packages || true
+        problem=$(gl_problem) && return
     fi
-    say "nothing here can draw yet; run: sudo apt-get update && sudo apt-get install -y $GL_PACKAGES"
-    say "(then \`$VENV/bin/ifo doctor\` should be content)"
+    die "$problem; then run \`make setup\` again"
 }
 
 make_venv

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import platform
 import sys
+import warnings
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from importlib import metadata
@@ -23,7 +24,7 @@ OLDEST_PYTHON = (3, 11)
 MUJOCO_MAJOR = 3
 FEWEST_COLOURS = 4  # of a drawn frame; a driver that fails silently gives one
 REINSTALL = "install ifo again: pip install -e ."
-GL_MEND = "on Debian: apt-get install libegl1 libgl1-mesa-dri"
+GL_MEND = "see gl backend"  # whose own error says what to install
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ def doctor(
 ) -> None:
     """Check this machine: Python, torch, MuJoCo, video encoding, and one rendered frame.
 
-    Exit code 4 if anything is missing; each such line says how to mend it.
+    Exit code 4 if anything is missing; its line says how to fix it.
     """
     with stdout_to_stderr():
         checks = [_run(name, examine, mend) for name, (examine, mend) in CHECKS.items()]
@@ -85,21 +86,29 @@ def _mujoco() -> str:
     found = metadata.version("mujoco")
     if int(found.split(".")[0]) != MUJOCO_MAJOR:
         raise PlatformError(f"{found}, expected version {MUJOCO_MAJOR}.x, from 3.17 on")
-    from stages.simulation.gl import choose_backend
+    from stages.simulation.gl import forget_backend
 
-    choose_backend()  # Importing mujoco settles the backend for good.
+    forget_backend()  # The remembered answer may be older than the libraries.
+    _settle_backend()
     import mujoco.batch  # noqa: F401
 
     return found
 
 
 def _dm_control() -> str:
-    from stages.simulation.gl import choose_backend
-
-    choose_backend()
-    from dm_control import mjcf  # noqa: F401
+    _settle_backend()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Without a backend glfw warns, which the check of the backend says better.
+        from dm_control import mjcf  # noqa: F401
 
     return metadata.version("dm-control")
+
+
+def _settle_backend() -> None:
+    """Choose the GL backend before mujoco is imported; that there is none is for `gl backend` to report."""
+    from stages.simulation.gl import choose_backend
+
+    choose_backend(required=False)
 
 
 def _video() -> str:
@@ -119,7 +128,8 @@ def _gl() -> str:
 def _frame() -> str:
     from stages.simulation.gl import choose_backend
 
-    choose_backend()
+    if not choose_backend(required=False):
+        raise PlatformError("nothing can be rendered without a GL backend")
     import numpy as np
 
     from stages.simulation.contexts import DISTRIBUTIONS
@@ -134,7 +144,10 @@ def _frame() -> str:
         frame = pool.render(task.model_fields(contexts), qpos[:, None])[0, 0]
     colours = len(np.unique(frame.reshape(-1, 3), axis=0))
     if colours < FEWEST_COLOURS:
-        raise PlatformError(f"a frame of reach shows {colours} colours, expected at least {FEWEST_COLOURS}")
+        raise PlatformError(
+            f"a frame of reach shows {colours} colours, expected at least {FEWEST_COLOURS}: "
+            "the driver renders wrongly; update it, or try MUJOCO_GL=osmesa (apt-get install -y libosmesa6)"
+        )
     return f"reach at {width}x{height}, {colours} colours"
 
 
@@ -144,6 +157,6 @@ CHECKS: dict[str, tuple[Callable[[], str], str]] = {
     "mujoco": (_mujoco, "pip install 'mujoco>=3.17,<4'"),
     "dm-control": (_dm_control, REINSTALL),
     "video": (_video, "pip install --force-reinstall av"),
-    "gl backend": (_gl, GL_MEND),
+    "gl backend": (_gl, REINSTALL),
     "rendered frame": (_frame, GL_MEND),
 }

@@ -1,11 +1,12 @@
-"""Which OpenGL backend draws: chosen before mujoco is imported, because mujoco reads MUJOCO_GL only then.
+"""Chooses the OpenGL backend before mujoco is imported, because mujoco reads MUJOCO_GL only then.
 
-A backend counts as working once a child process has drawn a picture with it. That costs about a second, so
-the answer is kept in the user's cache folder until the machine restarts or mujoco changes.
+A backend works if a child process has rendered a picture with it. That takes about a second, so the answer is kept
+in the user's cache folder until the machine restarts or mujoco changes.
 """
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import platform
@@ -19,7 +20,15 @@ from artifacts.errors import PlatformError, UsageError
 
 BACKENDS = ("egl", "osmesa", "glfw")
 PROBE_SECONDS = 30
-INSTALL = "apt-get install -y libegl1 libgl1-mesa-dri"
+# The Debian packages that EGL needs: its loader, OpenGL's, and Mesa's drivers. `.ci/setup.sh` installs them.
+PACKAGES = ("libegl1", "libopengl0", "libgl1-mesa-dri")
+INSTALL = f"apt-get install -y {' '.join(PACKAGES)}"
+# The libraries that PyOpenGL loads for a backend: one of each group must be there.
+_LIBRARIES: dict[str, tuple[tuple[str, ...], ...]] = {
+    "egl": (("libEGL.so.1",), ("libOpenGL.so.0", "libGL.so.1")),
+    "osmesa": (("libOSMesa.so.8", "libOSMesa.so.6"),),
+}
+_CURES = {"egl": f"run `{INSTALL}`", "osmesa": "run `apt-get install -y libosmesa6`"}
 
 _PROBE = """
 import mujoco, numpy
@@ -58,7 +67,7 @@ def choose_backend(required: bool = True) -> str:
     unless it is set. Call it before anything imports mujoco or dm_control; later calls are free.
 
     Args:
-        required: Whether the caller is going to draw. If not, a machine without GL is no error.
+        required: Whether the caller is going to render. If not, a machine without GL is no error.
 
     Returns:
         `egl`, `osmesa` or `glfw`; empty if nothing works and `required` is false.
@@ -79,7 +88,7 @@ def choose_backend(required: bool = True) -> str:
 
 
 def forget_backend() -> None:
-    """Forget which backend worked, here and in the cache folder: for when drawing fails all the same."""
+    """Forget which backend worked, here and in the cache folder, so that the next choice probes again."""
     global _set_here
     _proven.clear()
     if _set_here:
@@ -95,7 +104,7 @@ def _working_backend() -> str:
     if requested and requested not in BACKENDS:
         raise UsageError(f"MUJOCO_GL={requested}: expected one of {', '.join(BACKENDS)}; unset it to let ifo choose")
     _proven.update(_read_cache())
-    reasons = []
+    reasons = {}
     for backend in (requested,) if requested else BACKENDS:
         if backend in _proven:
             return backend
@@ -103,14 +112,16 @@ def _working_backend() -> str:
             _proven.add(backend)
             _write_cache(_proven)
             return backend
-        reasons.append(f"{backend}: {failure}")
+        reasons[backend] = failure
     if requested:
-        raise PlatformError(f"MUJOCO_GL={requested} does not work here ({reasons[0]}); unset it or run `{INSTALL}`")
-    raise PlatformError(f"no OpenGL backend works here ({'; '.join(reasons)}); on Debian run `{INSTALL}`")
+        cure = f" or {_CURES[requested]}" if requested in _CURES else ""
+        raise PlatformError(f"MUJOCO_GL={requested} does not work here ({reasons[requested]}); unset it{cure}")
+    # EGL is the backend to install. Why the others fail too would only hide its reason.
+    raise PlatformError(f"no OpenGL backend works here (EGL: {reasons['egl']}); on Debian {_CURES['egl']}")
 
 
 def probe(backend: str) -> str | None:
-    """Draw a small picture by `backend` in a child process; returns why it failed, or None."""
+    """Render a small picture with `backend` in a child process; returns the reason if that fails, else None."""
     environment = os.environ | {"MUJOCO_GL": backend, "LP_NUM_THREADS": "1"}
     environment.pop("PYOPENGL_PLATFORM", None)  # mujoco refuses a backend that does not match it.
     try:
@@ -126,8 +137,36 @@ def probe(backend: str) -> str | None:
         return f"no picture within {PROBE_SECONDS} s"
     if child.returncode == 0 and "drawn" in child.stdout:
         return None
+    if (missing := missing_library(backend)) is not None:
+        return missing
+    if backend == "glfw" and not any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")):
+        return "GLFW needs a display, and DISPLAY is not set"
     lines = child.stderr.strip().splitlines()
-    return lines[-1].strip()[:160] if lines else f"the probe ended with status {child.returncode}"
+    reason = lines[-1].strip() if lines else f"the probe ended with status {child.returncode}"
+    return "no driver found" if "Cannot initialize a EGL device display" in reason else reason[:160]
+
+
+def missing_library(backend: str) -> str | None:
+    """Say in one line which library of `backend` cannot be loaded; None if all can.
+
+    PyOpenGL itself does not say it: it goes on without the library and fails later, on an attribute of None.
+    """
+    for names in _LIBRARIES.get(backend, ()):
+        failures = [_load_failure(name) for name in names]
+        if None not in failures:
+            broken = [failure for failure in failures if failure]
+            return f"PyOpenGL cannot load {broken[0]}" if broken else f"PyOpenGL finds no {names[0]}"
+    return None
+
+
+def _load_failure(name: str) -> str | None:
+    """The loader's message about a library that is there but broken; empty if it is not there, None if it loads."""
+    try:
+        ctypes.CDLL(name)
+    except OSError as error:
+        message = " ".join(str(error).split())
+        return "" if message.startswith(f"{name}: cannot open shared object file") else message
+    return None
 
 
 def _check_loaded(backend: str) -> None:
@@ -184,7 +223,10 @@ def _read_cache() -> list[str]:
     path = _cache_path()
     try:
         kept = json.loads(path.read_text()) if path is not None else {}
-        return [b for b in kept["works"] if b in BACKENDS] if kept.get("key") == _cache_key() else []
+        if kept.get("key") != _cache_key():
+            return []
+        # Libraries may have been removed since.
+        return [name for name in kept["works"] if name in BACKENDS and missing_library(name) is None]
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return []
 

@@ -8,6 +8,7 @@ import pytest
 
 from artifacts import PlatformError
 from ifo_cli import doctor
+from stages.simulation import gl
 
 
 @pytest.fixture
@@ -96,6 +97,23 @@ def test_doctor_says_what_to_mend(run_ifo, monkeypatch):
     ]
     code, out, _ = run_ifo("doctor", "--json")
     assert code == 4 and [check["ok"] for check in json.loads(out)["checks"]] == [True, False, False]
+
+
+def test_doctor_gives_the_reason_for_missing_gl_once(run_ifo, monkeypatch):
+    def choose_backend(required=True):
+        if required:
+            raise PlatformError(f"no OpenGL backend works here (EGL: no driver found); on Debian run `{gl.INSTALL}`")
+        return ""
+
+    monkeypatch.setattr(gl, "choose_backend", choose_backend)
+    monkeypatch.setattr(gl, "forget_backend", lambda: None)
+    code, out, _ = run_ifo("doctor")
+    failed = [line for line in out.splitlines() if not line.startswith("ok ")]
+    assert code == 4
+    assert failed == [
+        f"fail gl backend: no OpenGL backend works here (EGL: no driver found); on Debian run `{gl.INSTALL}`",
+        "fail rendered frame: nothing can be rendered without a GL backend; see gl backend",
+    ]
 
 
 @pytest.mark.gl

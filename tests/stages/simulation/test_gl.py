@@ -24,6 +24,7 @@ def machine(monkeypatch, tmp_path):
     monkeypatch.setattr(gl, "_proven", set())
     monkeypatch.setattr(gl, "_set_here", False)
     state = SimpleNamespace(works={"egl", "osmesa", "glfw"}, probed=[], cache=tmp_path / "ifo" / "gl-backend")
+    monkeypatch.setattr(gl, "missing_library", lambda backend: None)
 
     def probe(backend):
         state.probed.append(backend)
@@ -77,10 +78,14 @@ def test_a_bad_mujoco_gl_is_a_usage_error(machine, monkeypatch):
 
 def test_no_backend_at_all_names_the_packages(machine):
     machine.works = set()
-    with pytest.raises(PlatformError, match="apt-get install -y libegl1 libgl1-mesa-dri") as error:
+    with pytest.raises(PlatformError) as error:
         gl.choose_backend()
     assert error.value.exit_code == 4
-    assert "\n" not in str(error.value)
+    assert str(error.value) == (
+        "no OpenGL backend works here (EGL: cannot open display); "
+        "on Debian run `apt-get install -y libegl1 libopengl0 libgl1-mesa-dri`"
+    )
+    assert machine.probed == ["egl", "osmesa", "glfw"]
     assert gl.choose_backend(required=False) == ""
     assert "MUJOCO_GL" not in os.environ
 
@@ -104,6 +109,14 @@ def test_a_failure_is_never_kept(machine, monkeypatch):
     assert gl.choose_backend(required=False) == ""
     machine.works = {"egl"}
     assert gl.choose_backend() == "egl"
+
+
+def test_a_backend_whose_libraries_were_removed_is_probed_again(machine, monkeypatch):
+    gl.choose_backend()
+    new_process(monkeypatch)
+    monkeypatch.setattr(gl, "missing_library", lambda backend: "PyOpenGL finds no libEGL.so.1")
+    machine.works = {"osmesa"}
+    assert gl.choose_backend() == "osmesa"
 
 
 def test_another_machine_or_mujoco_is_probed_again(machine, monkeypatch):
@@ -175,3 +188,61 @@ def test_a_probe_that_hangs_is_given_up(monkeypatch):
     monkeypatch.setattr(gl, "_PROBE", "import time; time.sleep(60)")
     monkeypatch.setattr(gl, "PROBE_SECONDS", 0.3)
     assert gl.probe("egl") == "no picture within 0.3 s"
+
+
+LOADED = {"libEGL.so.1", "libOpenGL.so.0", "libGL.so.1", "libOSMesa.so.8"}
+
+
+def loader(monkeypatch, absent=(), broken=()):
+    """A dynamic loader that finds LOADED only, less `absent`; `broken` ones lack a library of their own."""
+
+    def load(name):
+        if name in broken:
+            raise OSError("libGLdispatch.so.0: cannot open shared object file: No such file or directory")
+        if name in absent or name not in LOADED:
+            raise OSError(f"{name}: cannot open shared object file: No such file or directory")
+
+    monkeypatch.setattr(gl.ctypes, "CDLL", load)
+
+
+@pytest.mark.parametrize(
+    ("backend", "absent", "reason"),
+    [
+        ("egl", (), None),
+        ("egl", ("libEGL.so.1",), "PyOpenGL finds no libEGL.so.1"),
+        ("egl", ("libOpenGL.so.0",), None),
+        ("egl", ("libGL.so.1",), None),
+        ("egl", ("libOpenGL.so.0", "libGL.so.1"), "PyOpenGL finds no libOpenGL.so.0"),
+        ("osmesa", (), None),
+        ("osmesa", ("libOSMesa.so.8",), "PyOpenGL finds no libOSMesa.so.8"),
+        ("glfw", tuple(LOADED), None),
+    ],
+)
+def test_a_library_that_pyopengl_lacks_is_named(monkeypatch, backend, absent, reason):
+    loader(monkeypatch, absent)
+    assert gl.missing_library(backend) == reason
+
+
+def test_a_library_that_is_there_but_does_not_load_is_told_apart(monkeypatch):
+    loader(monkeypatch, absent={"libGL.so.1"}, broken={"libOpenGL.so.0"})
+    assert gl.missing_library("egl") == (
+        "PyOpenGL cannot load libGLdispatch.so.0: cannot open shared object file: No such file or directory"
+    )
+
+
+@pytest.mark.parametrize(
+    ("backend", "absent", "display", "error", "reason"),
+    [
+        ("egl", LOADED, "", "AttributeError: 'NoneType' object has no attribute 'glGetError'", "finds no libEGL.so.1"),
+        ("egl", (), "", "ImportError: Cannot initialize a EGL device display. This likely means", "no driver found"),
+        ("glfw", (), "", "mujoco.FatalError: an OpenGL platform library has not been loaded", "DISPLAY is not set"),
+        ("glfw", (), ":1", "mujoco.FatalError: gladLoadGL error", "mujoco.FatalError: gladLoadGL error"),
+        ("egl", (), "", "OSError: something else", "OSError: something else"),
+    ],
+)
+def test_the_probe_gives_the_reason_behind_the_exception(monkeypatch, backend, absent, display, error, reason):
+    loader(monkeypatch, absent)
+    monkeypatch.setattr(gl, "_PROBE", f"raise SystemExit({error!r})")
+    monkeypatch.setenv("DISPLAY", display)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    assert gl.probe(backend).endswith(reason)

@@ -1,0 +1,143 @@
+"""What .ci/setup.sh does where pip or rendering fails, and that the packages for rendering are listed once."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from stages.simulation import gl
+
+ROOT = Path(__file__).parent.parent
+REASON = "no OpenGL backend works here (EGL: PyOpenGL finds no libOpenGL.so.0); on Debian run `apt-get install`"
+
+# Stands in for .venv/bin/python; `renders` is how often the probe fails before it succeeds.
+PYTHON = """#!/usr/bin/env bash
+case "$*" in
+    "-m pip install"*) echo "$*" >> pip.log; echo "WARNING: of pip"; exit "${PIP_STATUS:-0}" ;;
+    *choose_backend*)
+        failures=$(cat failures)
+        [ "$failures" = 0 ] && exit
+        echo $((failures - 1)) > failures
+        echo "Traceback of a library" >&2
+        echo "$REASON" >&2
+        exit 1 ;;
+    *PACKAGES*) echo one two ;;
+esac
+"""
+APT = """#!/usr/bin/env bash
+echo "$*" >> apt.log
+echo "debconf: delaying package configuration" >&2
+exit "${APT_STATUS:-0}"
+"""
+
+
+@pytest.fixture
+def set_up(tmp_path, monkeypatch):
+    """Runs .ci/setup.sh in a folder of its own, on a machine where rendering fails `failures` times."""
+    shutil.copytree(ROOT / ".ci", tmp_path / ".ci")
+    (tmp_path / "constraints.txt").write_text("torch==1.0\n")
+    programs = {
+        ".venv/bin/python": PYTHON,
+        "bin/apt-get": APT,
+        "bin/nvidia-smi": "#!/bin/sh\n",  # So that no index is asked for a build of torch for the CPU.
+        "bin/id": "#!/bin/sh\necho ${USER_ID:-0}\n",
+    }
+    for name, text in programs.items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        path.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.setenv("REASON", REASON)
+
+    def run(failures, **variables):
+        (tmp_path / "failures").write_text(str(failures))
+        return subprocess.run(
+            ["bash", ".ci/setup.sh"],
+            cwd=tmp_path,
+            env=os.environ | variables,
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+
+    return run
+
+
+def log(tmp_path, name):
+    path = tmp_path / f"{name}.log"
+    return path.read_text().splitlines() if path.exists() else []
+
+
+def test_setup_succeeds_where_rendering_works(set_up, tmp_path):
+    done = set_up(failures=0)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / ".venv/.stamp").exists()
+    assert log(tmp_path, "apt") == []
+    assert done.stderr == "setup: installing ifo and what it needs\n"  # Neither pip's nor apt's own messages.
+
+
+def test_setup_installs_the_packages_that_rendering_needs(set_up, tmp_path):
+    done = set_up(failures=1)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / ".venv/.stamp").exists()
+    assert log(tmp_path, "apt")[-1].endswith(" one two")
+    assert done.stderr.splitlines()[1:] == ["setup: installing one two for rendering"]
+
+
+def test_setup_fails_where_rendering_still_does_not_work(set_up, tmp_path):
+    done = set_up(failures=2)
+    assert done.returncode == 4
+    assert not (tmp_path / ".venv/.stamp").exists()
+    assert done.stderr.splitlines()[-1] == f"setup: {REASON}; then run `make setup` again"
+    assert "Traceback" not in done.stderr
+
+
+def test_setup_installs_nothing_on_debian_without_being_root(set_up, tmp_path):
+    done = set_up(failures=1, USER_ID="1000")
+    assert done.returncode == 4
+    assert not (tmp_path / ".venv/.stamp").exists()
+    assert log(tmp_path, "apt") == []
+    assert REASON in done.stderr
+
+
+def test_setup_shows_why_apt_failed(set_up, tmp_path):
+    done = set_up(failures=2, APT_STATUS="100")
+    assert done.returncode == 4
+    assert "debconf: delaying" in done.stderr
+    assert done.stderr.splitlines()[-1].startswith(f"setup: {REASON}")
+
+
+def test_setup_fails_where_pip_fails(set_up, tmp_path):
+    done = set_up(failures=0, PIP_STATUS="1")
+    assert done.returncode == 4
+    assert not (tmp_path / ".venv/.stamp").exists()
+    assert done.stderr.splitlines()[-2:] == [
+        "WARNING: of pip",
+        "setup: pip cannot install the packages (its messages are above)",
+    ]
+
+
+def test_old_source_distributions_are_built_by_the_supported_route(set_up, tmp_path):
+    set_up(failures=0)
+    installs = log(tmp_path, "pip")
+    assert installs and all("--use-pep517" in line for line in installs)
+
+
+def test_the_packages_for_rendering_are_listed_once():
+    tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    texts = {
+        name: (ROOT / name).read_text(errors="replace")
+        for name in tracked.splitlines()
+        if Path(name).suffix in ("", ".md", ".py", ".sh", ".toml", ".txt", ".yml") and (ROOT / name).is_file()
+    }
+    naming = {name for name, text in texts.items() if any(package in text for package in gl.PACKAGES)}
+    assert {name for name in naming if not name.startswith("tests/")} - {"CHANGELOG.md"} == {
+        "stages/simulation/gl.py",
+        "README.md",  # for readers; it says what gl.py says:
+    }
+    assert f"`{gl.INSTALL}`" in texts["README.md"]
