@@ -14,9 +14,12 @@ if TYPE_CHECKING:
     from artifacts.errors import ArtifactError, IfoError, Interrupted, PlatformError, UsageError
     from artifacts.lineage import Ancestor, ancestors
     from artifacts.paths import default_path, sha256_of, sibling, stem_of
-    from artifacts.schema import COMMANDS, KINDS, DatasetSpec, KindSpec, Manifest, Parent
-    from artifacts.store import Artifact, VerifyReport, read_artifact, verify_artifact, write_artifact
+    from artifacts.pipeline import COMMANDS, STAGE_FILES
+    from artifacts.recipe import recipe_difference, recipe_of
+    from artifacts.schema import KINDS, DatasetSpec, KindSpec, Manifest, Parent
+    from artifacts.store import Artifact, content_of, is_unchanged, read_artifact
     from artifacts.tree import pack, unpack
+    from artifacts.verification import VerifyReport, verify_artifact
     from artifacts.video import (
         caption,
         contact_sheet,
@@ -27,6 +30,7 @@ if TYPE_CHECKING:
         write_overview,
         write_png,
     )
+    from artifacts.writing import write_artifact
 
 _MODULE_OF = {
     name: module
@@ -35,10 +39,13 @@ _MODULE_OF = {
         "checkpoint": ("checkpoint_path", "read_checkpoint", "remove_checkpoint", "write_checkpoint"),
         "errors": ("ArtifactError", "IfoError", "Interrupted", "PlatformError", "UsageError"),
         "lineage": ("Ancestor", "ancestors"),
-        "schema": ("COMMANDS", "KINDS", "DatasetSpec", "KindSpec", "Manifest", "Parent"),
+        "pipeline": ("COMMANDS", "STAGE_FILES"),
+        "recipe": ("recipe_difference", "recipe_of"),
+        "schema": ("KINDS", "DatasetSpec", "KindSpec", "Manifest", "Parent"),
         "paths": ("default_path", "sha256_of", "sibling", "stem_of"),
-        "store": ("Artifact", "VerifyReport", "read_artifact", "verify_artifact", "write_artifact"),
+        "store": ("Artifact", "content_of", "is_unchanged", "read_artifact"),
         "tree": ("pack", "unpack"),
+        "verification": ("VerifyReport", "verify_artifact"),
         "video": (
             "caption",
             "contact_sheet",
@@ -49,6 +56,7 @@ _MODULE_OF = {
             "write_overview",
             "write_png",
         ),
+        "writing": ("write_artifact",),
     }.items()
     for name in names
 }
@@ -56,6 +64,7 @@ _MODULE_OF = {
 __all__ = [
     "COMMANDS",
     "KINDS",
+    "STAGE_FILES",
     "Ancestor",
     "Artifact",
     "ArtifactError",
@@ -74,12 +83,16 @@ __all__ = [
     "caption",
     "checkpoint_path",
     "contact_sheet",
+    "content_of",
     "default_path",
+    "is_unchanged",
     "pack",
     "read_artifact",
     "read_checkpoint",
     "read_mp4",
     "read_png",
+    "recipe_difference",
+    "recipe_of",
     "remove_checkpoint",
     "sha256_of",
     "sibling",

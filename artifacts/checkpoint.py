@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 
 from artifacts.errors import ArtifactError
+from artifacts.paths import sibling
 from artifacts.schema import Manifest
-from artifacts.store import read_artifact, sibling, write_artifact
+from artifacts.store import Artifact, read_artifact
 from artifacts.tree import pack, unpack
+from artifacts.writing import write_artifact
 
 
 def checkpoint_path(out: str | Path) -> Path:
@@ -27,9 +29,19 @@ def write_checkpoint(
     config: dict[str, Any],
     seed: int,
     command: str,
-    parents: Sequence[str | Path] = (),
+    parents: Sequence[str | Path | Artifact] = (),
 ) -> Path:
-    """Write a stage's whole state, whole or not at all; `tree` is what `pack` takes."""
+    """Write a stage's state, whole or not at all.
+
+    Args:
+      path: of the checkpoint.
+      tree: what `pack` takes.
+      stage: name of the stage.
+      config: the stage's whole configuration, JSON values.
+      seed: of the run.
+      command: the command line.
+      parents: the stage's input artifacts; pass opened ones, or each checkpoint opens them again.
+    """
     text, arrays = pack({"stage": stage, "state": tree})
     datasets = {f"arrays/{name}": array for name, array in arrays.items()}
     datasets["tree"] = np.frombuffer(text.encode("ascii"), np.uint8)
@@ -38,6 +50,9 @@ def write_checkpoint(
 
 def read_checkpoint(path: str | Path, *, stage: str) -> tuple[Manifest, Any]:
     """Return the manifest and the tree that a stage wrote.
+
+    The configuration in the manifest is today's: options that are newer than the checkpoint have been added
+    (`artifacts.migrations.configuration`).
 
     Raises:
       ArtifactError: no such file, damaged, or written by another stage.

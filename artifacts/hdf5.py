@@ -1,10 +1,10 @@
 """How arrays lie in an HDF5 file, so that damage never goes unnoticed.
 
-Metadata: the 1.10 file format, whose headers and indices carry checksums. Data: chunked with
-fletcher32. Strings have fixed length, since HDF5 checksums no heap of variable strings.
-Two things cannot be chunked: a 0-d array is stored with one element and the attribute `scalar`,
-an array without elements has no data and is stored bare. Unicode is stored as UTF-8 with its
-width in the attribute `unicode`.
+Metadata: the 1.10 file format, whose headers and indices carry checksums. Data: chunked with fletcher32. This early
+check does not notice zeroed data; the digest in the manifest does. Strings have fixed length, because HDF5 has no
+checksum for the heap of variable strings. Two things cannot be chunked: a 0-d array is stored with one element and the
+attribute `scalar`; an array without elements has no data and is stored without chunks. Unicode is stored as UTF-8 with
+its width in the attribute `unicode`.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from artifacts.digests import DatasetDigest, blocks
 from artifacts.errors import ArtifactError
 
 if TYPE_CHECKING:
     import h5py
 
+WRONG_DIGEST = "its digest is wrong"
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 END_OF_FILE_ADDRESS = 28  # where the superblock (version 3) keeps the length of the file
 STORABLE = "biufcSU"
@@ -53,8 +55,8 @@ def check_arrays(arrays: Mapping[str, np.ndarray]) -> None:
             raise ArtifactError(f"dataset {name} has type {array.dtype}: expected numbers, booleans or strings")
 
 
-def write_dataset(file: h5py.File, name: str, array: np.ndarray) -> None:
-    """Store one array, checksummed."""
+def as_stored(array: np.ndarray) -> tuple[np.ndarray, dict[str, int]]:
+    """Return the form in which an array lies in the file, and the attributes that undo it."""
     attributes: dict[str, int] = {}
     if array.dtype.kind == "U":
         attributes["unicode"] = array.dtype.itemsize // 4
@@ -64,6 +66,32 @@ def write_dataset(file: h5py.File, name: str, array: np.ndarray) -> None:
     if array.ndim == 0:
         attributes["scalar"] = 1
         array = np.asarray(array).reshape(1)
+    return array, attributes
+
+
+def digest_of(array: np.ndarray) -> str:
+    """Return the digest that `dataset_digest` will give once `write_dataset` has stored the array."""
+    stored, attributes = as_stored(array)
+    digest = DatasetDigest(*_original(stored, attributes))
+    if stored.flags.c_contiguous:
+        digest.update(stored)
+    else:
+        for selection in blocks(stored.shape, stored.dtype.itemsize):
+            digest.update(stored[selection])
+    return digest.hexdigest()
+
+
+def dataset_digest(dataset: h5py.Dataset) -> str:
+    """Read a stored dataset piece by piece and return its digest."""
+    digest = DatasetDigest(*describe(dataset))
+    for selection in blocks(dataset.shape, dataset.dtype.itemsize, dataset.chunks):
+        digest.update(dataset[selection])
+    return digest.hexdigest()
+
+
+def write_dataset(file: h5py.File, name: str, array: np.ndarray) -> None:
+    """Store one array, checksummed."""
+    array, attributes = as_stored(array)
     options: dict[str, Any] = {}
     if array.size:
         options = {"chunks": chunk_shape(array.shape, array.dtype.itemsize), "fletcher32": True}
@@ -72,21 +100,43 @@ def write_dataset(file: h5py.File, name: str, array: np.ndarray) -> None:
         dataset.attrs[key] = value
 
 
-def read_dataset(dataset: h5py.Dataset, selection: Any = ...) -> np.ndarray:
-    """Read all or a part of what `write_dataset` stored, with its type and shape."""
+def read_dataset(dataset: h5py.Dataset, selection: Any = ..., digest: str | None = None) -> np.ndarray:
+    """Read all or a part of what `write_dataset` stored, with its type and shape.
+
+    Args:
+      dataset: in an open file.
+      selection: as NumPy's.
+      digest: what the whole dataset's digest must be; checked if all of it is read. None: unknown.
+
+    Raises:
+      OSError: the data is damaged.
+    """
     scalar = "scalar" in dataset.attrs
     array = np.asarray(dataset[...] if scalar else dataset[selection])
+    if digest is not None and (scalar or _is_whole(selection)):
+        found = DatasetDigest(*describe(dataset))
+        found.update(array)
+        if found.hexdigest() != digest:
+            raise OSError(WRONG_DIGEST)
     if "unicode" in dataset.attrs:
         array = np.asarray(np.char.decode(array, "utf-8")).astype(f"U{int(dataset.attrs['unicode'])}")
     return np.asarray(array.reshape(())[selection]) if scalar else array
 
 
+def _is_whole(selection: Any) -> bool:
+    """Whether a selection certainly names the whole array."""
+    parts = selection if isinstance(selection, tuple) else (selection,)
+    return all(part is Ellipsis or (isinstance(part, slice) and part == slice(None)) for part in parts)
+
+
 def describe(dataset: h5py.Dataset) -> tuple[tuple[int, ...], np.dtype]:
     """Return the shape and type that `read_dataset` will give."""
-    dtype = dataset.dtype
-    if "unicode" in dataset.attrs:
-        dtype = np.dtype(f"U{int(dataset.attrs['unicode'])}")
-    return (() if "scalar" in dataset.attrs else dataset.shape), dtype
+    return _original(dataset, dataset.attrs)
+
+
+def _original(stored: h5py.Dataset | np.ndarray, attributes: Mapping[str, Any]) -> tuple[tuple[int, ...], np.dtype]:
+    dtype = np.dtype(f"U{int(attributes['unicode'])}") if "unicode" in attributes else stored.dtype
+    return (() if "scalar" in attributes else stored.shape), dtype
 
 
 def dataset_names(file: h5py.File) -> list[str]:

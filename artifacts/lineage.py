@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import functools
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from artifacts.errors import ArtifactError
-from artifacts.paths import sha256_of
+from artifacts.paths import parent_path
 from artifacts.schema import Parent
-from artifacts.store import Artifact, read_artifact
+from artifacts.store import Artifact, is_unchanged, read_artifact
 
-MOST_HASHED = 256 << 20  # bytes of the largest file that is hashed; a larger one's date tells whether it changed
+MOST_READ = 256 << 20  # bytes of the largest file of schema 1 that is read whole; the date of a larger one must do
 
 
 @dataclass(frozen=True)
 class Ancestor:
-    """A file that an artifact was made from, at first or at second hand.
+    """A file that an artifact was made from, directly or through others.
 
     Attributes:
       depth: 1 for a parent, 2 for a parent's parent, and so on.
@@ -45,11 +43,11 @@ def ancestors(
     Args:
       artifact: the child.
       parents: those of its parents to follow; None: all.
-      check: whether to make sure, file by file, that it is the one that the child was made from.
+      check: whether to compare each file's content with what the child recorded.
       depth: of the first generation.
     """
     for parent in artifact.manifest.parents if parents is None else parents:
-        path = _path_of(artifact, parent)
+        path = parent_path(artifact.path, parent)
         try:
             found = read_artifact(path)
         except ArtifactError as error:
@@ -63,21 +61,8 @@ def ancestors(
         yield from ancestors(found, check=check, depth=depth + 1)
 
 
-def _path_of(artifact: Artifact, parent: Parent) -> Path:
-    folder = artifact.path.parent
-    path = Path(os.path.normpath(folder / parent.path))
-    real = Path(os.path.normpath(folder.resolve() / parent.path))  # Elsewhere, if the folder is reached by a link.
-    return real if real.is_file() and not path.is_file() else path
-
-
 def _changed(child: Artifact, parent: Parent, found: Artifact) -> bool:
-    status = found.path.stat()
-    if status.st_size > MOST_HASHED:
+    must_be_read = not (parent.content and found.manifest.content)
+    if must_be_read and found.path.stat().st_size > MOST_READ:
         return found.manifest.created > child.manifest.created
-    return _digest(found.path.resolve(), status.st_size, status.st_mtime_ns) != parent.sha256
-
-
-@functools.lru_cache(maxsize=1024)
-def _digest(path: Path, size: int, changed: int) -> str:
-    """The sha256 of a file; many runs share ancestors, and size and time say whether it is still the same."""
-    return sha256_of(path)
+    return not is_unchanged(parent, found)

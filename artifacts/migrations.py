@@ -1,13 +1,20 @@
-"""Older schemas made readable: one function a step, applied when a file is read.
+"""Older schemas made readable: one function per step, applied when a file is read. Files on disk are never changed.
 
-Write a new step like this, and commit a file of the old schema under tests/fixtures/:
+To change a schema, raise its version in `KINDS`, write a step like this one, and commit a file of the old schema under
+tests/fixtures/:
 
-    @migration("demos", 1)
+    @migration("demos", 2)
     def _name_the_lengths(manifest, arrays):
         manifest["config"].setdefault("horizon", 50)
         arrays.rename("distance", "final_distance")
 
-Files on disk are never changed.
+Checkpoints keep the configuration of the stage that they belong to. When an option of a stage is added, renamed or
+removed, register a step for the stage, so that checkpoints written before can still be resumed. It applies to
+checkpoints of the named schema version:
+
+    @configuration("learn-policy", 2)
+    def _add_warmup(config):
+        config.setdefault("warmup", 0)
 """
 
 from __future__ import annotations
@@ -19,7 +26,8 @@ from typing import Any
 import numpy as np
 
 from artifacts.errors import ArtifactError
-from artifacts.schema import COMMANDS, KINDS
+from artifacts.pipeline import COMMANDS, STAGE_FILES
+from artifacts.schema import KINDS
 
 
 @dataclass(frozen=True)
@@ -47,7 +55,7 @@ class ArrayView:
         self.sources[name] = Source(None, value=np.asarray(value))
 
     def change(self, name: str, function: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Put the whole array through `function` when it is read."""
+        """Put the whole array through `function` when it is read, after any earlier change."""
         source = self.sources[name]
         before = source.transform
         if source.value is not None:
@@ -61,9 +69,12 @@ class ArrayView:
 Migration = Callable[[dict[str, Any], ArrayView], None]
 MIGRATIONS: dict[tuple[str, int], Migration] = {}
 
+Configuration = Callable[[dict[str, Any]], None]
+CONFIGURATIONS: dict[tuple[str, int], Configuration] = {}
+
 
 def migration(kind: str, from_version: int) -> Callable[[Migration], Migration]:
-    """Register the step from one schema version to the next."""
+    """Register the step from one schema version of a kind to the next."""
 
     def register(function: Migration) -> Migration:
         MIGRATIONS[kind, from_version] = function
@@ -72,8 +83,22 @@ def migration(kind: str, from_version: int) -> Callable[[Migration], Migration]:
     return register
 
 
+def configuration(stage: str, from_version: int) -> Callable[[Configuration], Configuration]:
+    """Register the step of a stage's configuration from one schema version of checkpoints to the next."""
+
+    def register(function: Configuration) -> Configuration:
+        CONFIGURATIONS[stage, from_version] = function
+        return function
+
+    return register
+
+
 def migrate(manifest: dict[str, Any], arrays: ArrayView) -> None:
-    """Bring manifest and arrays to the current schema, in place."""
+    """Bring manifest and arrays to the current schema, in place.
+
+    Raises:
+      ArtifactError: a step is missing, so the file is too old to be read.
+    """
     kind = manifest["kind"]
     for version in range(manifest["schema_version"], KINDS[kind].version):
         step = MIGRATIONS.get((kind, version))
@@ -83,4 +108,15 @@ def migrate(manifest: dict[str, Any], arrays: ArrayView) -> None:
                 f"make it again with `{COMMANDS.get(kind, 'ifo')}`"
             )
         step(manifest, arrays)
+        if kind == "checkpoint":
+            stage = manifest["config"].get("stage")
+            CONFIGURATIONS.get((stage, version), lambda config: None)(manifest["config"])
         manifest["schema_version"] = version + 1
+
+
+def _without_digests(manifest: dict[str, Any], arrays: ArrayView) -> None:
+    """Schema 1 recorded the sha256 of parents' files. What it lacked, digests, recipe and summary, has defaults."""
+
+
+for _kind in ("checkpoint", *(files.writes for files in STAGE_FILES.values())):
+    migration(_kind, 1)(_without_digests)

@@ -1,11 +1,12 @@
-"""How artifacts are named, and told apart."""
+"""How artifacts are named, found and told apart."""
 
 from __future__ import annotations
 
 import hashlib
+import os
 from pathlib import Path
 
-from artifacts.schema import KINDS
+from artifacts.schema import KINDS, Parent
 
 
 def sha256_of(path: str | Path) -> str:
@@ -30,3 +31,17 @@ def stem_of(path: str | Path) -> str:
     stem = Path(path).name.removesuffix(".h5").removesuffix(".checkpoint")
     name, _, kind = stem.rpartition(".")
     return name if name and kind in KINDS else stem
+
+
+def parent_path(child: str | Path, parent: Parent) -> Path:
+    """Where a parent is, or should be: the recorded path starts at the real folder of the child.
+
+    If the child's folder is reached by a link, the path is still given the way that the caller came, as long as it
+    leads to the same file, or the real one leads nowhere.
+    """
+    folder = Path(child).parent
+    path = Path(os.path.normpath(folder / parent.path))
+    real = Path(os.path.normpath(folder.resolve() / parent.path))
+    if real.is_file() and not (path.is_file() and path.samefile(real)):
+        return real
+    return path

@@ -15,22 +15,59 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from artifacts.errors import ArtifactError
 
 DIGEST = "manifest_sha256"
-JSON_FIELDS = ("config", "parents", "environment")
+JSON_FIELDS = ("config", "parents", "environment", "datasets", "recipe", "summary")
 INT64 = range(-(2**63), 2**63)
+DIGESTS_SINCE = 2  # the first schema version with a digest per dataset, and of the content
+SCHEMA = 2  # of every kind
+
+# What differs between two runs of one command with one seed: measured times and names of files. Patterns of
+# KIND/NAME for datasets and of KIND/KEY/KEY for configurations, where an item of a list has its index as key.
+VOLATILE_DATASETS = ("*/curve/seconds",)
+VOLATILE_CONFIG = ("*/seconds", "*/minutes", "*/learning_minutes", "evaluation/runs/*/policy")
 
 
 class Parent(BaseModel):
-    """A file that an artifact was made from; `path` is relative to the artifact's folder."""
+    """A file that an artifact was made from.
+
+    Attributes:
+      kind: of that file.
+      path: relative to the artifact's folder.
+      content: digest of that file's content; empty if recorded by schema 1.
+      sha256: digest of that file's bytes, recorded by schema 1 only.
+    """
 
     model_config = ConfigDict(frozen=True)
 
     kind: str
     path: str
-    sha256: str
+    content: str = ""
+    sha256: str = ""
+
+    @property
+    def digest(self) -> str:
+        """The digest that was recorded: of the content, else of the bytes."""
+        return self.content or self.sha256
 
 
 class Manifest(BaseModel):
-    """Where an artifact comes from: the root attributes, the same for every kind."""
+    """Where an artifact comes from: the root attributes, the same for every kind.
+
+    Attributes:
+      kind: one of `KINDS`.
+      schema_version: of the data as it is read; older files are migrated.
+      created: UTC, ISO 8601.
+      ifo_version: of the ifo that wrote the file.
+      config: the stage's whole configuration, JSON values.
+      seed: of the run.
+      command: the command line.
+      parents: the files that the artifact was made from.
+      environment: versions and devices.
+      datasets: name of each dataset in the file -> its digest; empty in files of schema 1.
+      content: digest of what the artifact is, independent of when, where and in which environment it was made;
+        empty in files of schema 1 (`Artifact.content` computes it).
+      recipe: what the command asked for, as `recipe_of` gives it.
+      summary: figures that the stage printed; no part of the content.
+    """
 
     model_config = ConfigDict(frozen=True)
 
@@ -43,6 +80,10 @@ class Manifest(BaseModel):
     command: str
     parents: list[Parent]
     environment: dict[str, str]
+    datasets: dict[str, str] = {}
+    content: str = ""
+    recipe: dict[str, Any] = {}
+    summary: dict[str, Any] = {}
 
     def to_attributes(self) -> dict[str, int | str]:
         """Return the HDF5 root attributes, a digest of all the others among them.
@@ -50,9 +91,11 @@ class Manifest(BaseModel):
         HDF5 keeps no checksum of a large attribute, hence the digest.
         """
         attributes: dict[str, int | str] = {}
-        for name, value in self.model_dump().items():
+        fields = self.model_dump()
+        fields["parents"] = [{key: value for key, value in parent.items() if value} for parent in fields["parents"]]
+        for name, value in fields.items():
             if name in JSON_FIELDS:
-                attributes[name] = json.dumps(value, default=_plain)
+                attributes[name] = json.dumps(json_values(value))
             elif isinstance(value, int) and value not in INT64:
                 attributes[name] = str(value)
             else:
@@ -78,7 +121,7 @@ class Manifest(BaseModel):
 
 
 def attributes_digest(attributes: Mapping[str, int | str]) -> str:
-    """Return the sha256 of all attributes but the digest itself, whatever their names."""
+    """Return the sha256 of all attributes except the digest itself, whatever their names."""
     rest = {name: value for name, value in attributes.items() if name != DIGEST}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 
@@ -93,6 +136,15 @@ def decode_attributes(attributes: Mapping[str, int | str]) -> dict[str, Any]:
             except ValueError as error:
                 raise ArtifactError(f"bad manifest: {name} is not JSON: was it written by ifo?") from error
     return fields
+
+
+def json_values(value: Any) -> Any:
+    """Return configuration values as they come back from a file: tuples as lists, paths as text, plain numbers.
+
+    Raises:
+      TypeError: something in it has no place in a configuration.
+    """
+    return json.loads(json.dumps(value, default=_plain))
 
 
 def _plain(value: Any) -> Any:
@@ -153,7 +205,7 @@ class KindSpec:
       optional: datasets that may be missing.
     """
 
-    version: int = 1
+    version: int = SCHEMA
     datasets: Mapping[str, DatasetSpec] = field(default_factory=dict)
     optional: Mapping[str, DatasetSpec] = field(default_factory=dict)
 
@@ -177,35 +229,25 @@ class KindSpec:
 _WEIGHTS = {"weights/*": DatasetSpec()}
 
 KINDS: dict[str, KindSpec] = {
-    "expert": KindSpec(1, _WEIGHTS),
+    "expert": KindSpec(SCHEMA, _WEIGHTS),
     "demos": KindSpec(
-        1,
+        SCHEMA,
         {"frames": DatasetSpec(("N", "T", "H", "W", 3), ("uint8",))},
-        # Simulated ones have distances, imported ones the time stamps of their frames.
+        # Simulated demonstrations have distances, imported ones the time stamps of their frames.
         {"final_distance": DatasetSpec(("N",), ("f",)), "times": DatasetSpec(("N", "T"), ("f",))},
     ),
-    "translator": KindSpec(1, _WEIGHTS),
+    "translator": KindSpec(SCHEMA, _WEIGHTS),
     "translation": KindSpec(
-        1,
+        SCHEMA,
         {
             "context_frame": DatasetSpec(("H", "W", 3), ("uint8",)),
             "target_features": DatasetSpec(("T", "D"), ("f",)),
             "target_images": DatasetSpec(("T", "H", "W", 3), ("uint8", "f")),
         },
     ),
-    "policy": KindSpec(1, _WEIGHTS),
-    "evaluation": KindSpec(1, {"final_distance": DatasetSpec(("R", "E"), ("f",))}),
-    "checkpoint": KindSpec(1),
-}
-
-# The command that writes each kind, for messages that say what to do.
-COMMANDS: dict[str, str] = {
-    "expert": "ifo train-expert",
-    "demos": "ifo collect-demos",
-    "translator": "ifo train-translator",
-    "translation": "ifo translate",
-    "policy": "ifo learn-policy",
-    "evaluation": "ifo evaluate",
+    "policy": KindSpec(SCHEMA, _WEIGHTS),
+    "evaluation": KindSpec(SCHEMA, {"final_distance": DatasetSpec(("R", "E"), ("f",))}),
+    "checkpoint": KindSpec(SCHEMA),
 }
 
 

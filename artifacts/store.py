@@ -1,26 +1,25 @@
-"""Write, read and verify artifacts."""
+"""Read artifacts."""
 
 from __future__ import annotations
 
+import functools
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from datetime import UTC, datetime
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from artifacts import hdf5
-from artifacts.atomic import atomic_path
-from artifacts.errors import ArtifactError, IfoError
+from artifacts.content import content_digest
+from artifacts.errors import ArtifactError
 from artifacts.migrations import ArrayView, Source, migrate
-from artifacts.paths import default_path, sha256_of, sibling, stem_of
+from artifacts.paths import parent_path, sha256_of
+from artifacts.pipeline import COMMANDS
 from artifacts.schema import (
-    COMMANDS,
     DIGEST,
+    DIGESTS_SINCE,
     KINDS,
     Config,
     Manifest,
@@ -28,87 +27,22 @@ from artifacts.schema import (
     attributes_digest,
     decode_attributes,
 )
-from artifacts.wording import a_, either, how_to_make
+from artifacts.wording import a_, either, how_to_make, naming, undamaged
 
-__all__ = [
-    "Artifact",
-    "VerifyReport",
-    "default_path",
-    "read_artifact",
-    "sha256_of",
-    "sibling",
-    "stem_of",
-    "verify_artifact",
-    "write_artifact",
-]
-
+REPLACED = "was replaced or removed while in use: run the command again"
 Kinds = str | tuple[str, ...] | None
-
-
-def write_artifact(
-    path: str | Path,
-    kind: str,
-    arrays: Mapping[str, np.ndarray],
-    *,
-    config: dict[str, Any],
-    seed: int,
-    command: str,
-    parents: Sequence[str | Path] = (),
-    environment: Mapping[str, str] | None = None,
-) -> Path:
-    """Write an artifact whole or not at all, replacing an older one of that name.
-
-    Args:
-      path: where, by custom `NAME.KIND.h5`; the folder is made if missing.
-      kind: one of `KINDS`.
-      arrays: dataset name (slashes make groups) -> array of numbers, booleans or strings.
-      config: the stage's whole configuration, JSON values.
-      seed: the run's seed.
-      command: the command line as the user could repeat it.
-      parents: the artifacts that this one was made from.
-      environment: versions and devices.
-
-    Raises:
-      ArtifactError: the arrays are not what the kind holds, or a parent is unreadable. Nothing is written.
-      PlatformError: the file cannot be written.
-    """
-    path = Path(path)
-    arrays = {name: np.asarray(array) for name, array in arrays.items()}
-    if kind not in KINDS:
-        raise ArtifactError(f"{path}: {kind!r} is no kind of artifact: expected one of {', '.join(KINDS)}")
-    with _naming(path):
-        hdf5.check_arrays(arrays)
-        problem = KINDS[kind].problem({name: (array.shape, array.dtype) for name, array in arrays.items()})
-        if problem:
-            raise ArtifactError(problem)
-    manifest = Manifest(
-        kind=kind,
-        schema_version=KINDS[kind].version,
-        created=datetime.now(UTC).isoformat(timespec="seconds"),
-        ifo_version=_ifo_version(),
-        config=config,
-        seed=int(seed),
-        command=command,
-        parents=[_parent(parent, path) for parent in parents],
-        environment={name: str(value) for name, value in (environment or {}).items()},
-    )
-    attributes = manifest.to_attributes()
-    room = hdf5.room_for(arrays, attributes)
-    with atomic_path(path) as temporary, hdf5.new_file(temporary, room) as file:
-        hdf5.write_attributes(file, attributes)
-        for name, array in arrays.items():
-            hdf5.write_dataset(file, name, array)
-    return path
+Identity = tuple[int, int, int, int]  # of a file: device, inode, size, time of the last change
 
 
 class Artifact:
     """An artifact on disk. The file is open only during a read.
 
     Every read raises ArtifactError, naming file and dataset, when the data is damaged or the
-    file was replaced since `read_artifact`.
+    file was replaced since `read_artifact`. Whole datasets are checked against their digests,
+    parts only against HDF5's checksums.
     """
 
-    def __init__(self, path: Path, manifest: Manifest, sources: dict[str, Source], identity: object) -> None:
+    def __init__(self, path: Path, manifest: Manifest, sources: dict[str, Source], identity: Identity | None) -> None:
         self.path = path
         self.manifest = manifest
         self._sources = sources
@@ -122,6 +56,14 @@ class Artifact:
     def config(self) -> dict[str, Any]:
         """The stage's configuration; a key that is not there is an ArtifactError that names the file."""
         return Config(self.path, self.manifest.config)
+
+    @property
+    def content(self) -> str:
+        """Digest of the content: equal for two runs of one command with one seed.
+
+        It is in the manifest. Only for a file of schema 1 it is computed, once, by reading the file whole.
+        """
+        return self.manifest.content or _content_of_old(self.path, self._identity)
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.read(name)
@@ -138,37 +80,28 @@ class Artifact:
 
     def describe(self) -> dict[str, tuple[tuple[int, ...], np.dtype]]:
         """Shape and type of every dataset, without reading the data."""
-        with self._open() as file:
+        with open_unchanged(self) as file:
             return {name: self._describe(file, name) for name in self.names()}
 
     def read(self, name: str, selection: Any = ...) -> np.ndarray:
         """Read a dataset, or the part that a NumPy-like selection (`slice(3)`, `(0, ...)`) names."""
-        with self._open() as file:
+        with open_unchanged(self) as file:
             return self._read(file, name, selection)
 
     def group(self, prefix: str) -> dict[str, np.ndarray]:
         """Read all datasets under a group: names relative to it -> arrays; empty if there are none."""
         prefix = prefix.rstrip("/") + "/"
-        with self._open() as file:
+        with open_unchanged(self) as file:
             return {name.removeprefix(prefix): self._read(file, name) for name in self.names(prefix)}
 
     def parent(self, kind: str, *, check: bool = False) -> Artifact:
-        """Open the parent of that kind; with `check`, make sure that its sha256 is still the same."""
+        """Open the parent of that kind; with `check`, make sure that its content is still the same."""
         for parent in self.manifest.parents:
             if parent.kind == kind:
-                path = _parent_path(self.path, parent)
                 if check:
-                    _check_parent(self.path, parent)
-                return read_artifact(path, kind)
+                    check_parent(self.path, parent)
+                return read_artifact(_existing_parent(self.path, parent), kind)
         raise ArtifactError(f"{self.path} has no {kind} among its parents: {how_to_make(kind, 'pass')}")
-
-    @contextmanager
-    def _open(self) -> Iterator[Any]:
-        with _naming(self.path):
-            if _identity(self.path) != self._identity:
-                raise ArtifactError("was replaced or removed while in use: run the command again")
-            with _unharmed("cannot be opened"), hdf5.open_file(self.path) as file:
-                yield file
 
     def _read(self, file: Any, name: str, selection: Any = ...) -> np.ndarray:
         if name not in self._sources:
@@ -176,10 +109,11 @@ class Artifact:
         source = self._sources[name]
         if source.stored is None:
             return np.array(np.asarray(source.value)[selection])
-        with _unharmed(f"dataset {source.stored} is damaged"):
+        digest = self.manifest.datasets.get(source.stored)
+        with undamaged(f"dataset {source.stored} is damaged"):
             if source.transform is None:
-                return hdf5.read_dataset(file[source.stored], selection)
-            whole = hdf5.read_dataset(file[source.stored])
+                return hdf5.read_dataset(file[source.stored], selection, digest)
+            whole = hdf5.read_dataset(file[source.stored], digest=digest)
         return np.asarray(source.transform(whole)[selection])
 
     def _describe(self, file: Any, name: str) -> tuple[tuple[int, ...], np.dtype]:
@@ -202,16 +136,9 @@ def read_artifact(path: str | Path, kind: Kinds = None) -> Artifact:
     wanted = (kind,) if isinstance(kind, str) else kind
     _check_is_file(path, wanted)
     identity = _identity(path)
-    with _naming(path), _unharmed("is truncated or damaged"), hdf5.open_file(path) as file:
-        attributes = hdf5.read_attributes(file)
-        if "kind" not in attributes or "schema_version" not in attributes or DIGEST not in attributes:
-            raise ArtifactError(f"is HDF5 but no ifo artifact: {how_to_make(wanted, 'pass')}")
-        if attributes_digest(attributes) != attributes[DIGEST]:
-            raise ArtifactError("has a damaged manifest: restore the file or make it again")
-        fields = decode_attributes(attributes)
+    with naming(path), undamaged("is truncated or damaged"), hdf5.open_file(path) as file:
+        fields = _checked_fields(file, wanted)
         found, version = fields["kind"], fields["schema_version"]
-        if not isinstance(found, str) or not isinstance(version, int):
-            raise ArtifactError(f"is HDF5 but no ifo artifact: {how_to_make(wanted, 'pass')}")
         if wanted is not None and found not in wanted:
             raise ArtifactError(f"is {a_(found)}, expected {either(wanted)}: {how_to_make(wanted, 'pass')}")
         if found not in KINDS:
@@ -221,9 +148,13 @@ def read_artifact(path: str | Path, kind: Kinds = None) -> Artifact:
                 f"was written by a newer ifo (schema {version}, "
                 f"this one reads up to {KINDS[found].version}): upgrade ifo"
             )
-        arrays = ArrayView(hdf5.dataset_names(file))
+        stored = hdf5.dataset_names(file)
+        arrays = ArrayView(stored)
         migrate(fields, arrays)
-        artifact = Artifact(path, Manifest.from_fields(fields), arrays.sources, identity)
+        manifest = Manifest.from_fields(fields)
+        if version >= DIGESTS_SINCE:
+            _check_names(stored, manifest)
+        artifact = Artifact(path, manifest, arrays.sources, identity)
         described = {name: artifact._describe(file, name) for name in arrays.sources}
         problem = KINDS[found].problem(described)
         if problem:
@@ -231,37 +162,50 @@ def read_artifact(path: str | Path, kind: Kinds = None) -> Artifact:
     return artifact
 
 
-@dataclass(frozen=True)
-class VerifyReport:
-    """What `verify_artifact` found in order: `bytes` is the file's size."""
-
-    path: Path
-    kind: str
-    datasets: int
-    bytes: int
-    parents: int
-
-
-def verify_artifact(path: str | Path) -> VerifyReport:
-    """Read every dataset, piece by piece, and check that each parent is there and unchanged.
+def content_of(path: str | Path) -> str:
+    """Return the digest of an artifact's content, as `Artifact.content`.
 
     Raises:
-      ArtifactError: the first problem, in one line.
+      ArtifactError: the file cannot be read.
     """
-    artifact = read_artifact(path)
-    with artifact._open() as file:
-        names = hdf5.dataset_names(file)
-        for name in names:
-            with _unharmed(f"dataset {name} is damaged"):
-                dataset = file[name]
-                if dataset.size and not dataset.fletcher32:
-                    raise ArtifactError(f"dataset {name} has no checksum: ifo did not write it like this")
-                for piece in dataset.iter_chunks() if dataset.chunks else ():
-                    dataset[piece]
-    for parent in artifact.manifest.parents:
-        _check_parent(artifact.path, parent)
-    size = artifact.path.stat().st_size
-    return VerifyReport(artifact.path, artifact.kind, len(names), size, len(artifact.manifest.parents))
+    return read_artifact(path).content
+
+
+def is_unchanged(parent: Parent, found: Artifact) -> bool:
+    """Tell whether an artifact has the content that a child recorded of its parent.
+
+    Only what schema 1 recorded or wrote must be read whole, once.
+    """
+    if parent.content:
+        return parent.content == found.content
+    return parent.sha256 == _sha256(found.path, _identity(found.path))
+
+
+def check_parent(child: Path, parent: Parent) -> None:
+    """Make sure that a parent is there and has the content that the child recorded.
+
+    Raises:
+      ArtifactError: it is missing, unreadable, or another.
+    """
+    path = _existing_parent(child, parent)
+    if not is_unchanged(parent, read_artifact(path)):
+        raise ArtifactError(
+            f"{child} was made from {path}, which has changed since: put the old file back, or make {child.name} again"
+        )
+
+
+@contextmanager
+def open_unchanged(artifact: Artifact) -> Iterator[Any]:
+    """Open the HDF5 file behind an artifact, and name it in errors.
+
+    Raises:
+      ArtifactError: the file was replaced since `read_artifact`, or cannot be opened.
+    """
+    with naming(artifact.path):
+        if _identity(artifact.path) != artifact._identity:
+            raise ArtifactError(REPLACED)
+        with undamaged("cannot be opened"), hdf5.open_file(artifact.path) as file:
+            yield file
 
 
 def _check_is_file(path: Path, wanted: tuple[str, ...] | None) -> None:
@@ -278,49 +222,32 @@ def _check_is_file(path: Path, wanted: tuple[str, ...] | None) -> None:
         raise ArtifactError(f"{path}: is not HDF5, so no ifo artifact: {how_to_make(wanted, 'pass')}")
 
 
-def _identity(path: Path) -> object:
-    try:
-        status = os.stat(path)
-    except OSError:
-        return None
-    return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns
+def _checked_fields(file: Any, wanted: tuple[str, ...] | None = None) -> dict[str, Any]:
+    """The manifest's fields as the file has them."""
+    attributes = hdf5.read_attributes(file)
+    if "kind" not in attributes or "schema_version" not in attributes or DIGEST not in attributes:
+        raise ArtifactError(f"is HDF5 but no ifo artifact: {how_to_make(wanted, 'pass')}")
+    if attributes_digest(attributes) != attributes[DIGEST]:
+        raise ArtifactError("has a damaged manifest: restore the file or make it again")
+    fields = decode_attributes(attributes)
+    if not isinstance(fields["kind"], str) or not isinstance(fields["schema_version"], int):
+        raise ArtifactError(f"is HDF5 but no ifo artifact: {how_to_make(wanted, 'pass')}")
+    return fields
 
 
-@contextmanager
-def _naming(path: Path) -> Iterator[None]:
-    """Put the file's name before the message of an ArtifactError."""
-    try:
-        yield
-    except ArtifactError as error:
-        joint = " " if str(error).startswith(("is ", "was ", "has ")) else ": "
-        raise ArtifactError(f"{path}{joint}{error}") from error.__cause__
+def _check_names(stored: list[str], manifest: Manifest) -> None:
+    """Raise ArtifactError where the file holds other datasets than its manifest lists."""
+    missing = sorted(manifest.datasets.keys() - set(stored))
+    unknown = sorted(set(stored) - manifest.datasets.keys())
+    if missing:
+        raise ArtifactError(f"dataset {missing[0]} is missing: restore the file or make it again")
+    if unknown:
+        raise ArtifactError(f"dataset {unknown[0]} is not in the manifest: ifo did not write it like this")
 
 
-@contextmanager
-def _unharmed(problem: str) -> Iterator[None]:
-    """Turn what h5py raises on a damaged file into an ArtifactError."""
-    try:
-        yield
-    except IfoError:
-        raise
-    except (OSError, RuntimeError, KeyError, UnicodeError) as error:
-        reason = " ".join(str(error).split())
-        raise ArtifactError(f"{problem} ({reason}): restore the file or make it again") from error
-
-
-def _parent(parent: str | Path, child: Path) -> Parent:
-    kind = read_artifact(parent).kind
-    folder, target = child.parent.resolve(), Path(parent).resolve()
-    if target == child.resolve():
-        raise ArtifactError(f"{child}: would replace its own input: choose another --out")
-    relative = Path(os.path.relpath(target, folder)).as_posix()
-    return Parent(kind=kind, path=relative, sha256=sha256_of(target))
-
-
-def _parent_path(child: Path, parent: Parent) -> Path:
+def _existing_parent(child: Path, parent: Parent) -> Path:
     """The parent's path, or an ArtifactError that names both files."""
-    path = Path(os.path.normpath(child.parent.resolve() / parent.path))
-    path = Path(os.path.relpath(path)) if not child.is_absolute() else path
+    path = parent_path(child, parent)
     if not path.is_file():
         raise ArtifactError(
             f"{child} was made from {path}, which is missing: put that file back, or make both again "
@@ -329,20 +256,33 @@ def _parent_path(child: Path, parent: Parent) -> Path:
     return path
 
 
-def _check_parent(child: Path, parent: Parent) -> None:
-    path = _parent_path(child, parent)
+def _identity(path: Path) -> Identity | None:
     try:
-        changed = sha256_of(path) != parent.sha256
-    except OSError as error:
-        raise ArtifactError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error
-    if changed:
-        raise ArtifactError(
-            f"{child} was made from {path}, which has changed since: put the old file back, or make {child.name} again"
+        status = os.stat(path)
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns
+
+
+@functools.lru_cache(maxsize=1024)
+def _content_of_old(path: Path, identity: Identity | None) -> str:
+    """The content digest of a file of schema 1, from what is stored, so that it never depends on migrations."""
+    with naming(path):
+        if _identity(path) != identity:
+            raise ArtifactError(REPLACED)
+    with naming(path), undamaged("is truncated or damaged"), hdf5.open_file(path) as file:
+        fields = _checked_fields(file)
+        datasets = {name: hdf5.dataset_digest(file[name]) for name in hdf5.dataset_names(file)}
+        parents = [parent["sha256"] for parent in fields["parents"]]
+        return content_digest(
+            fields["kind"], fields["schema_version"], datasets, fields["config"], int(fields["seed"]), parents
         )
 
 
-def _ifo_version() -> str:
+@functools.lru_cache(maxsize=1024)
+def _sha256(path: Path, identity: Identity | None) -> str:
+    """The sha256 of a file; its identity tells whether it is still the same."""
     try:
-        return metadata.version("ifo")
-    except metadata.PackageNotFoundError:
-        return "0.0.0+unknown"
+        return sha256_of(path)
+    except OSError as error:
+        raise ArtifactError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error

@@ -1,8 +1,13 @@
-"""Words that error messages share."""
+"""Words that error messages share, and what puts the file's name before them."""
 
 from __future__ import annotations
 
-from artifacts.schema import COMMANDS
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from artifacts.errors import ArtifactError, IfoError
+from artifacts.pipeline import COMMANDS
 
 
 def how_to_make(kinds: str | tuple[str, ...] | None, verb: str) -> str:
@@ -23,3 +28,25 @@ def a_(kind: str) -> str:
 
 def either(kinds: tuple[str, ...]) -> str:
     return " or ".join(a_(kind).removesuffix(" artifact") for kind in kinds)
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Put the file's name before the message of an ArtifactError."""
+    try:
+        yield
+    except ArtifactError as error:
+        joint = " " if str(error).startswith(("is ", "was ", "has ")) else ": "
+        raise ArtifactError(f"{path}{joint}{error}") from error.__cause__
+
+
+@contextmanager
+def undamaged(problem: str) -> Iterator[None]:
+    """Turn what h5py raises on a damaged file into an ArtifactError."""
+    try:
+        yield
+    except IfoError:
+        raise
+    except (OSError, RuntimeError, KeyError, UnicodeError) as error:
+        reason = " ".join(str(error).split())
+        raise ArtifactError(f"{problem} ({reason}): restore the file or make it again") from error

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from artifacts.errors import IfoError, PlatformError, UsageError
+from artifacts.pipeline import STAGE_FILES
 from ifo_cli.options import Given
 from ifo_cli.streams import emit, inputs_or_stdin, plain, stdout_to_stderr
 from stages.config.presets import PRESETS, defaults
@@ -25,23 +26,6 @@ if TYPE_CHECKING:
     from stages.runtime.run import RunOptions, StageResult
 
 SHARED = ("train-translator",)  # stages whose work several processes can share
-
-# The kind that a stage reads, and the kind that it writes.
-READS = {
-    "collect-demos": "expert",
-    "train-translator": "demos",
-    "translate": "translator",
-    "learn-policy": "translation",
-    "evaluate": "policy",
-}
-WRITES = {
-    "train-expert": "expert",
-    "collect-demos": "demos",
-    "train-translator": "translator",
-    "translate": "translation",
-    "learn-policy": "policy",
-    "evaluate": "evaluation",
-}
 
 Call = Callable[[Any, "RunOptions", list[Path]], "StageResult"]
 
@@ -107,7 +91,7 @@ def _run(
     if named is None:
         paths = []
     else:
-        kind = READS[stage]
+        kind = STAGE_FILES[stage].reads
         if not named and processes.count > 1:
             raise UsageError(f"several processes share no standard input: name the {kind} artifact (NAME.{kind}.h5)")
         paths = inputs_or_stdin(named, f"the {kind} artifact (NAME.{kind}.h5)", several=several)
@@ -119,7 +103,7 @@ def _run(
         from stages.runtime.progress import Progress
         from stages.runtime.run import RunOptions
 
-        parents = [read_artifact(path, READS[stage]) for path in paths]
+        parents = [read_artifact(path, STAGE_FILES[stage].reads) for path in paths]
         run = RunOptions(
             **{**_inherited(parents), **given.run},
             command=shlex.join(["ifo", *words]),
@@ -140,7 +124,7 @@ def _run(
     if not processes.main:
         return
     if given.json:
-        emit(json.dumps({"path": str(result.path), "kind": WRITES[stage], **plain(result.summary)}))
+        emit(json.dumps({"path": str(result.path), "kind": STAGE_FILES[stage].writes, **plain(result.summary)}))
     else:
         emit(str(result.path))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from artifacts import ArtifactError
+from artifacts.hdf5 import SIGNATURE
 from stages.datasets.episode import Episode, check_is_there
 
 HDF5_SUFFIXES = (".h5", ".hdf5", ".hdf")
@@ -43,10 +44,10 @@ def _in_file(path: Path, camera: str) -> list[Episode]:
     from stages.datasets.robomimic import is_robomimic, read_robomimic
 
     with open(path, "rb") as file:
-        start = file.read(len(hdf5.SIGNATURE))
+        start = file.read(len(SIGNATURE))
     if path.suffix.lower() == ".parquet":
         raise ArtifactError(f"{path}: is a table of a data set: name its folder, the one with meta/info.json in it")
-    if start != hdf5.SIGNATURE:
+    if start != SIGNATURE:
         if path.suffix.lower() not in HDF5_SUFFIXES:
             return []
         check_is_there(path)

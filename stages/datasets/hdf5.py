@@ -17,7 +17,6 @@ from stages.footage.video import SMALLEST
 if TYPE_CHECKING:
     import h5py
 
-SIGNATURE = b"\x89HDF\r\n\x1a\n"
 ENCODED = (b"\xff\xd8", b"\x89PNG")  # how a JPEG and a PNG start
 CACHE = 32 * 2**20  # bytes: a chunk of several frames is unpacked once
 DEEPEST = 8  # groups in groups

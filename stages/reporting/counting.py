@@ -40,7 +40,7 @@ def count_once(runs: Sequence[Run]) -> tuple[list[Run], list[Duplicate]]:
     newest_first = sorted(range(len(named)), key=lambda k: named[k].evaluation.manifest.created, reverse=True)
     for k in newest_first:
         run = named[k]
-        keys = [run.identity, *([run.policy.sha256] if run.policy else [])]
+        keys = [run.identity, *([run.policy.digest] if run.policy else [])]
         same = next((counted[key] for key in keys if key in counted), None)
         if same is None:
             counted.update(dict.fromkeys(keys, run))
@@ -86,7 +86,7 @@ def _told_apart_by_file(runs: Sequence[Run]) -> list[Run]:
     ambiguous = {
         run.evaluation.path
         for group in uncertain.values()
-        if len({run.policy and run.policy.sha256 for run in group}) > 1
+        if len({run.policy and run.policy.digest for run in group}) > 1
         for run in group
     }
     return [

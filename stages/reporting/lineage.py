@@ -86,7 +86,7 @@ def _figures(run: Run) -> dict[str, str]:
 
 def _ancestor(item: Ancestor) -> str:
     head = f"<li><b>{escape(item.parent.kind)}</b> <code>{escape(str(item.path))}</code>"
-    known = {"sha256": item.parent.sha256}
+    known = {"digest": item.parent.digest}
     if item.artifact is None:
         return f'{head} <span class="gone">{STATES[item.state]}</span>{_facts(known)}</li>'
     return f"{head}{_facts({**known, **_origin(item.artifact)})}</li>"
@@ -103,7 +103,7 @@ def _origin(artifact: Artifact) -> dict[str, str]:
 
 
 def _facts(facts: dict[str, str]) -> str:
-    coded = ("file", "sha256", "command")
+    coded = ("file", "sha256", "digest", "command")
     lines = []
     for name, value in facts.items():
         text = escape(value)

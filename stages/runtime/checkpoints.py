@@ -9,9 +9,10 @@ from artifacts import (
     Interrupted,
     UsageError,
     checkpoint_path,
+    is_unchanged,
+    read_artifact,
     read_checkpoint,
     remove_checkpoint,
-    sha256_of,
     write_checkpoint,
 )
 from stages.runtime.run import RunOptions
@@ -21,7 +22,8 @@ class Checkpoints:
     """The checkpoint of one run of a stage."""
 
     def __init__(self, run: RunOptions, out: Path, stage: str, config: dict[str, Any], parents: list[Path]):
-        self._run, self._out, self._stage, self._config, self._parents = run, out, stage, config, parents
+        self._run, self._out, self._stage, self._config = run, out, stage, config
+        self._parents = [read_artifact(parent) for parent in parents]  # Once: their digests are not computed again.
         self._path = checkpoint_path(out)
         self._others = _identity(self._path)
 
@@ -41,7 +43,7 @@ class Checkpoints:
         other = sorted(key for key in found.keys() | self._config.keys() if found.get(key) != self._config.get(key))
         if manifest.seed != self._run.seed:
             other.append("seed")
-        if [parent.sha256 for parent in manifest.parents] != [sha256_of(parent) for parent in self._parents]:
+        if len(manifest.parents) != len(self._parents) or not all(map(is_unchanged, manifest.parents, self._parents)):
             other.append("input file")
         if other:
             raise UsageError(

@@ -2,7 +2,23 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+
+FIXTURES = Path(__file__).parents[1] / "fixtures"
+OLD_FILES = {  # of schema 1, each the parent of the next
+    kind: FIXTURES / "v1" / f"{stem}.{kind}.h5"
+    for kind, stem in {
+        "expert": "small",
+        "demos": "small",
+        "translator": "small",
+        "translation": "small-c0",
+        "policy": "small-c0",
+        "evaluation": "small-c0",
+    }.items()
+}
+OLD_CHECKPOINT = FIXTURES / "v1" / "small-c0.policy.checkpoint.h5"
 
 PROVENANCE = {"config": {"task": "reach", "rate": 1e-4}, "seed": 7, "command": "ifo test"}
 

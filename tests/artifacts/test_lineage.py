@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import time
+import shutil
 
 import numpy as np
 import pytest
 
 from artifacts import ancestors, lineage, read_artifact, write_artifact
-from tests.artifacts.samples import PROVENANCE, demos_arrays
+from tests.artifacts.samples import OLD_FILES, PROVENANCE, demos_arrays
 
 
 @pytest.fixture
@@ -48,12 +48,20 @@ def test_a_file_that_took_anothers_place_is_noticed(translation, demos):
     assert states(translation, check=True)[1] == (2, "demos", "changed")
 
 
-def test_of_a_large_file_the_date_tells(translation, demos, monkeypatch):
-    monkeypatch.setattr(lineage, "MOST_HASHED", 0)
+def test_a_file_that_was_made_again_alike_is_the_same(translation, demos, monkeypatch):
+    monkeypatch.setattr("artifacts.writing._ifo_version", lambda: "9.9")
+    write_artifact(demos, "demos", demos_arrays(), **{**PROVENANCE, "command": "ifo test --workers 2"})
+    assert read_artifact(demos).manifest.ifo_version == "9.9"
     assert states(translation, check=True)[1] == (2, "demos", "present")
-    monkeypatch.setattr(lineage, "sha256_of", None)  # nothing is hashed
-    created = read_artifact(translation).manifest.created
-    while read_artifact(demos).manifest.created <= created:
-        time.sleep(0.1)
-        write_artifact(demos, "demos", demos_arrays(seed=1), **PROVENANCE)
-    assert states(translation, check=True)[1] == (2, "demos", "changed")
+
+
+def test_of_a_large_old_file_the_date_tells(tmp_path, monkeypatch):
+    monkeypatch.setattr(lineage, "MOST_READ", 0)
+    monkeypatch.setattr(lineage, "is_unchanged", None)  # nothing is read
+    for kind in ("expert", "demos"):
+        shutil.copy(OLD_FILES[kind], tmp_path)
+    demos = tmp_path / OLD_FILES["demos"].name
+    assert states(demos, check=True) == [(1, "expert", "present")]
+    monkeypatch.setattr("artifacts.writing._now", lambda: "2999-01-01T00:00:00+00:00")
+    write_artifact(tmp_path / OLD_FILES["expert"].name, "expert", {"weights/a": np.zeros(2)}, **PROVENANCE)
+    assert states(demos, check=True) == [(1, "expert", "changed")]

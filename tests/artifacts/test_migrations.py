@@ -42,9 +42,10 @@ def specimen(monkeypatch):
 
     @module.migration("specimen", 2)
     def _weights(manifest, arrays):
-        arrays.change("distance", np.negative)
+        arrays.change("distance", lambda array: array + 1)  # Not the same as before `_metres`.
         arrays.add("weights", np.ones(2))
         arrays.change("weights", lambda array: array * 2)
+        arrays.change("weights", lambda array: array + 1)
         manifest["config"]["learning_rate"] = manifest["config"].pop("rate")
 
 
@@ -54,12 +55,26 @@ def test_an_old_file_reads_like_a_new_one(specimen):
     assert artifact.manifest.schema_version == 3
     assert artifact.config == {"unit": "m", "learning_rate": 3}
     assert artifact.names() == ["distance", "pictures", "weights"]
-    np.testing.assert_array_equal(artifact["distance"], [-0.1, -0.25])
-    np.testing.assert_array_equal(artifact.read("distance", slice(1, 2)), [-0.25])
-    np.testing.assert_array_equal(artifact["weights"], [2, 2])
+    np.testing.assert_array_equal(artifact["distance"], [1.1, 1.25])
+    np.testing.assert_array_equal(artifact.read("distance", slice(1, 2)), [1.25])
+    np.testing.assert_array_equal(artifact["weights"], [3, 3])
     np.testing.assert_array_equal(artifact.read("pictures", 1), [4, 5, 6, 7])
     assert verify_artifact(OLD).datasets == 3
     assert OLD.read_bytes() == before
+
+
+def test_steps_are_applied_in_order(specimen, monkeypatch):
+    order = []
+    for version in (1, 2):
+        step = module.MIGRATIONS["specimen", version]
+
+        def noted(manifest, arrays, version=version, step=step):
+            order.append((version, manifest["schema_version"]))
+            step(manifest, arrays)
+
+        monkeypatch.setitem(module.MIGRATIONS, ("specimen", version), noted)
+    read_artifact(OLD)
+    assert order == [(1, 1), (2, 2)]
 
 
 def test_a_missing_step_says_so(specimen):

@@ -20,14 +20,15 @@ from artifacts import (
     ArtifactError,
     Manifest,
     Parent,
+    content_of,
     default_path,
     read_artifact,
-    sha256_of,
     sibling,
     stem_of,
     verify_artifact,
     write_artifact,
 )
+from artifacts.schema import SCHEMA
 from tests.artifacts.samples import PROVENANCE, demos_arrays
 
 storable = st.one_of(
@@ -69,9 +70,11 @@ def test_what_was_written_is_read(demos):
 def test_the_manifest_tells_where_it_comes_from(translator, demos):
     manifest = read_artifact(translator).manifest
     assert manifest.config == PROVENANCE["config"]
-    assert (manifest.seed, manifest.command, manifest.schema_version) == (7, "ifo test", 1)
+    assert (manifest.seed, manifest.command, manifest.schema_version) == (7, "ifo test", SCHEMA)
     assert manifest.created.endswith("+00:00")
-    assert manifest.parents == [Parent(kind="demos", path="x.demos.h5", sha256=sha256_of(demos))]
+    assert manifest.parents == [Parent(kind="demos", path="x.demos.h5", content=content_of(demos))]
+    assert list(manifest.datasets) == ["weights/encoder/0"]
+    assert (manifest.recipe, manifest.summary) == ({}, {})
 
 
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -171,10 +174,12 @@ def test_files_that_are_no_artifacts(tmp_path):
 
 
 def test_a_newer_schema_asks_for_an_upgrade(demos, monkeypatch):
-    monkeypatch.setitem(KINDS, "demos", artifacts.KindSpec(7, KINDS["demos"].datasets))
+    assert read_artifact(demos).manifest.schema_version == KINDS["demos"].version == SCHEMA
+    monkeypatch.setitem(KINDS, "demos", artifacts.KindSpec(SCHEMA + 1, KINDS["demos"].datasets))
     newer = write_artifact(demos.with_name("n.demos.h5"), "demos", demos_arrays(), **PROVENANCE)
     monkeypatch.undo()
-    fails("was written by a newer ifo (schema 7, this one reads up to 1): upgrade ifo", read_artifact, newer)
+    message = f"was written by a newer ifo (schema {SCHEMA + 1}, this one reads up to {SCHEMA}): upgrade ifo"
+    fails(message, read_artifact, newer)
 
 
 def test_an_unknown_kind_asks_for_an_upgrade(tmp_path, monkeypatch):
@@ -203,8 +208,20 @@ def test_links_out_of_the_file_are_not_followed(demos, tmp_path):
 
 def test_a_dataset_without_checksum_does_not_verify(demos):
     with h5py.File(demos, "a") as file:
+        values = file["final_distance"][...]
+        del file["final_distance"]
+        file["final_distance"] = values
+    np.testing.assert_array_equal(read_artifact(demos)["final_distance"], demos_arrays()["final_distance"])
+    fails("dataset final_distance has no checksum", verify_artifact, demos)
+
+
+def test_a_file_holds_what_its_manifest_lists(demos):
+    with h5py.File(demos, "a") as file:
         file["bare"] = [1, 2]
-    fails("dataset bare has no checksum", verify_artifact, demos)
+    fails("dataset bare is not in the manifest", read_artifact, demos)
+    with h5py.File(demos, "a") as file:
+        del file["bare"], file["contexts/angle"]
+    fails("dataset contexts/angle is missing", read_artifact, demos)
 
 
 def test_an_unknown_dataset_is_named(demos):

@@ -72,8 +72,12 @@ def test_verify_checks_every_file(run_ifo, family):
     data[len(data) // 2] ^= 0xFF
     demos.write_bytes(data)
     code, out, err = run_ifo("verify", *family)
-    assert code == 3 and out.splitlines() == [f"ok {translation} (translation, 3 datasets, 1 parent)"]
-    assert err.count("\n") == 2 and str(demos) in err
+    assert code == 3 and err.count("\n") == 1 and f"{demos}: dataset frames is damaged" in err
+    whole = [f"ok {translator} (translator, 1 dataset, 1 parent)"]
+    assert out.splitlines() == [*whole, f"ok {translation} (translation, 3 datasets, 1 parent)"]
+    demos.unlink()
+    code, out, err = run_ifo("verify", translator)
+    assert (code, out) == (3, "") and str(translator) in err and str(demos) in err
 
 
 def test_doctor_says_what_to_mend(run_ifo, monkeypatch):

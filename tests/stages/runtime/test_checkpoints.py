@@ -1,13 +1,17 @@
-"""What a stage says of its checkpoint after Ctrl-C."""
+"""Checkpoints of a stage: what it says of them after Ctrl-C, what they cost, and when they are refused."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import stages.runtime.checkpoints
+from artifacts import UsageError, verify_artifact, write_artifact
 from stages.runtime.checkpoints import Checkpoints
 from stages.runtime.run import RunOptions
+from tests.artifacts.samples import OLD_FILES
 
 
 @pytest.fixture
@@ -49,3 +53,54 @@ def test_a_resumed_run_names_the_one_it_came_from(checkpoints):
 
 def test_without_any_there_is_none_to_resume(checkpoints):
     assert "no checkpoint yet" in str(checkpoints(resume=True).interrupted("0 of 4 steps"))
+
+
+@pytest.fixture
+def demos(tmp_path):
+    """Demonstrations of 3 MB."""
+
+    def write(seed=0, command="ifo collect-demos"):
+        frames = np.random.default_rng(seed).integers(0, 256, (40, 25, 32, 32, 3), np.uint8)
+        arrays = {"frames": frames, "final_distance": np.zeros(40)}
+        return write_artifact(tmp_path / "x.demos.h5", "demos", arrays, config={}, seed=seed, command=command)
+
+    return write
+
+
+def bytes_read() -> int:
+    """By this process so far."""
+    return int(Path("/proc/self/io").read_text().split("rchar: ")[1].split()[0])
+
+
+def test_checkpoints_do_not_read_their_parents(demos, tmp_path):
+    size = demos().stat().st_size
+    run = Checkpoints(RunOptions(), tmp_path / "x.translator.h5", "train-translator", {}, [demos()])
+    run.save({"a": np.zeros(2)})
+    before = bytes_read()
+    for step in range(10):
+        run.save({"a": np.full(2, step)})
+    assert bytes_read() - before < size / 4
+    assert verify_artifact(tmp_path / "x.translator.checkpoint.h5").parents == 1
+
+
+def test_checkpoints_read_an_old_parent_once(tmp_path):
+    size = OLD_FILES["translator"].stat().st_size
+    run = Checkpoints(RunOptions(), tmp_path / "x.translation.h5", "translate", {}, [OLD_FILES["translator"]])
+    before = bytes_read()
+    for step in range(5):
+        run.save({"a": np.full(2, step)})
+    assert bytes_read() - before < 2 * size
+
+
+def test_only_another_input_ends_a_run(demos, tmp_path):
+    def checkpoints(*parents, **options):
+        return Checkpoints(RunOptions(**options), tmp_path / "x.translator.h5", "train-translator", {}, [*parents])
+
+    checkpoints(demos()).save({"a": np.zeros(2)})
+    assert checkpoints(demos(command="ifo collect-demos --workers 2"), resume=True).start() is not None
+    with pytest.raises(UsageError, match="written with another input file"):
+        checkpoints(demos(seed=1), resume=True).start()
+    with pytest.raises(UsageError, match="written with another input file"):
+        checkpoints(resume=True).start()
+    with pytest.raises(UsageError, match="written with another seed"):
+        checkpoints(demos(), resume=True, seed=4).start()
