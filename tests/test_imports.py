@@ -151,6 +151,7 @@ def test_commands_import_nothing_heavy_when_they_are_loaded():
     light = {
         "stages.runtime.interrupts",
         "artifacts.errors",
+        "artifacts.pipeline",
         "stages.config.stages",
         "stages.config.presets",
         "stages.reproduction.plan",
