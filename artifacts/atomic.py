@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
+import fcntl
+import glob
 import os
 import shutil
-import time
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from artifacts.errors import PlatformError
 
-ABANDONED_AFTER = 600.0  # seconds; a live writer touches its file far more often
-
 
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary path in the same folder that replaces `path` if the block succeeds.
+    """Yield a temporary path that replaces `path` if the block succeeds.
 
-    The file is fsynced, renamed, and the folder fsynced; on any exception it is removed.
-    The folder is made if missing.
+    It lies in a temporary folder beside `path`. The file is fsynced, renamed, and the folder of `path` fsynced; on any
+    exception it is removed. The folder of `path` is made if missing.
 
     Raises:
-      PlatformError: the file cannot be written (no room, no leave, a folder in the way).
+      PlatformError: the file cannot be written (no space, no permission, a folder of that name).
     """
     path = Path(path)
     with _making(path) as temporary:
@@ -33,12 +33,12 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(path: str | Path) -> Iterator[Path]:
-    """Yield a temporary folder beside `path`, empty, that becomes `path` if the block succeeds.
+    """Yield an empty temporary folder that becomes `path` if the block succeeds.
 
-    As `atomic_path`, for all files in it; but nothing is replaced.
+    As `atomic_path`, for all files in it, except that nothing is replaced.
 
     Raises:
-      PlatformError: it cannot be written, or there is something of that name.
+      PlatformError: it cannot be written, or something of that name exists.
     """
     path = Path(path)
     with _making(path) as temporary:
@@ -50,22 +50,69 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def _making(path: Path) -> Iterator[Path]:
-    temporary = path.with_name(f".{path.name}.tmp-{os.getpid()}")
+    """Yield a path in a temporary folder of this writer alone, and rename to `path` what is there in the end."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _remove_abandoned(path)
-        try:
+        with _locked_folder(path) as folder:
+            temporary = folder / "new"
             yield temporary
             for file in (*temporary.rglob("*"), temporary):
                 _fsync(file)
             os.replace(temporary, path)
-        except BaseException:
-            _remove(temporary)
-            raise
         _fsync(path.parent)
     except OSError as error:
         reason = " ".join((error.strerror or str(error)).split())
-        raise PlatformError(f"{path}: cannot be written ({reason}): free some room or choose another place") from error
+        raise PlatformError(f"{path}: cannot be written ({reason}): free some space or choose another place") from error
+
+
+@contextmanager
+def _locked_folder(path: Path) -> Iterator[Path]:
+    """A new folder beside `path` with a random name, removed in the end; a lock tells others that its writer lives.
+
+    The lock is the kernel's: it holds across containers that share the volume, and ends with the process.
+    """
+    folder, lock = _new_locked_folder(path)
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
+
+
+def _new_locked_folder(path: Path) -> tuple[Path, int | None]:
+    while True:
+        folder = Path(tempfile.mkdtemp(prefix=_prefix(path), dir=path.parent))
+        with suppress(FileNotFoundError):
+            lock = _lock(folder)
+            if folder.exists():
+                return folder, lock
+            if lock is not None:
+                os.close(lock)
+        # Another writer took it for abandoned before it was locked.
+
+
+def _prefix(path: Path) -> str:
+    return f".{path.name}.tmp-"
+
+
+def _lock(path: Path, wait: bool = True) -> int | None:
+    """Lock a file or folder, and return the descriptor that holds the lock; None: this file system has no locks.
+
+    Raises:
+      BlockingIOError: its writer lives, and `wait` is False.
+    """
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except BlockingIOError:
+        os.close(descriptor)
+        raise
+    except OSError:
+        os.close(descriptor)
+        return None
+    return descriptor
 
 
 def write_bytes(path: str | Path, data: bytes) -> Path:
@@ -91,13 +138,10 @@ def _remove(path: Path) -> None:
 
 
 def _remove_abandoned(path: Path) -> None:
-    """Remove what a killed writer of this same file left: its process gone, untouched for a while."""
-    prefix = f".{path.name}.tmp-"
-    for other in path.parent.iterdir():
-        pid = other.name.removeprefix(prefix)
-        if not other.name.startswith(prefix) or not pid.isdigit() or Path("/proc", pid).exists():
-            continue
+    """Remove what killed writers of this same file left, as their locks tell."""
+    for other in path.parent.glob(f"{glob.escape(_prefix(path))}*"):
         with suppress(OSError):
-            touched = max(file.stat().st_mtime for file in (other, *other.rglob("*")))
-            if time.time() - touched > ABANDONED_AFTER:
+            lock = _lock(other, wait=False)
+            if lock is not None:
                 _remove(other)
+                os.close(lock)

@@ -1,13 +1,19 @@
-"""Folders that appear whole or not at all."""
+"""Files and folders that appear whole or not at all."""
 
 from __future__ import annotations
 
+import errno
 import os
-import time
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
-from artifacts import PlatformError, atomic_folder
+from artifacts import PlatformError, atomic_folder, atomic_path
+from artifacts.atomic import write_bytes
+
+ROOT = Path(__file__).parents[2]
 
 
 def test_a_folder_appears_when_the_block_is_over(tmp_path):
@@ -33,13 +39,62 @@ def test_a_folder_never_replaces_anything(tmp_path):
     assert os.listdir(tmp_path) == ["set"]
 
 
-def test_what_a_killed_writer_left_is_removed_in_time(tmp_path):
-    old, recent = tmp_path / ".set.tmp-99999998", tmp_path / ".set.tmp-99999999"
-    for folder in (old, recent):
-        folder.mkdir()
-        (folder / "file").touch()
-    for file in (old / "file", old, recent):
-        os.utime(file, (time.time() - 1000,) * 2)
-    with atomic_folder(tmp_path / "set"):
-        pass
-    assert sorted(os.listdir(tmp_path)) == [recent.name, "set"]
+WRITER = """
+import sys
+from artifacts.atomic import atomic_folder, atomic_path
+make = atomic_folder if sys.argv[2] == "folder" else atomic_path
+with make(sys.argv[1]) as temporary:
+    (temporary / "part" if sys.argv[2] == "folder" else temporary).write_text("half")
+    print("ready", flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_a_killed_writers_rest_is_removed_by_the_next_and_a_live_ones_is_not(tmp_path, kind):
+    path, other = tmp_path / "set", tmp_path / "set.other"
+    command = [sys.executable, "-c", WRITER]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "cwd": ROOT}
+    writers = [subprocess.Popen([*command, str(target), kind], **pipes) for target in (path, other)]
+    try:
+        assert all(writer.stdout.readline() == b"ready\n" for writer in writers)
+        begun = sorted(os.listdir(tmp_path))
+        assert len(begun) == 2
+        write_bytes(tmp_path / "set", b"whole")
+        assert sorted(os.listdir(tmp_path)) == [*begun, "set"], "both writers live"
+        for writer in writers:
+            writer.kill()
+            writer.wait()
+        write_bytes(tmp_path / "set", b"again")
+    finally:
+        for writer in writers:
+            writer.kill()
+            writer.communicate()
+    left = [name for name in begun if name.startswith(".set.other.tmp-")]
+    assert sorted(os.listdir(tmp_path)) == [*left, "set"], "a writer clears away what was to be its own file"
+    assert path.read_bytes() == b"again"
+
+
+def test_two_writers_of_one_file_share_nothing(tmp_path, monkeypatch):
+    """As in two containers on one volume, where both may have the same process id."""
+    monkeypatch.setattr(os, "getpid", lambda: 7)
+    path = tmp_path / "x"
+    with atomic_path(path) as first:
+        first.write_text("first")
+        with atomic_path(path) as second:
+            assert first != second
+            second.write_text("second")
+        assert path.read_text() == "second"
+        assert first.read_text() == "first"
+    assert path.read_text() == "first"
+    assert os.listdir(tmp_path) == ["x"]
+
+
+def test_a_file_system_without_locks_is_written_to_and_never_cleared(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr("artifacts.atomic.fcntl.flock", refuse)
+    (tmp_path / ".x.tmp-left").mkdir()
+    write_bytes(tmp_path / "x", b"whole")
+    assert sorted(os.listdir(tmp_path)) == [".x.tmp-left", "x"]

@@ -16,7 +16,7 @@ def test_killed_while_it_films_it_leaves_nothing_behind(tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-m", "ifo_cli.main", *words], cwd=ROOT, stderr=subprocess.PIPE, text=True
     )
-    while not list(tmp_path.glob(".footage.tmp-*/*.mp4")):
+    while not list(tmp_path.glob(".footage.tmp-*/*/*.mp4")):
         assert process.poll() is None
         time.sleep(0.05)
     process.terminate()
