@@ -102,6 +102,12 @@ def import_demos(
             show_default=False,
         ),
     ] = None,
+    overwrite: Annotated[
+        bool,
+        typer.Option(
+            "--overwrite", help="Replace a finished artifact at --out (default: keep it if it is the same, else stop)."
+        ),
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object in place of the path.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No messages on standard error.")] = False,
 ) -> None:
@@ -120,7 +126,13 @@ def import_demos(
         from stages.runtime.progress import Progress
         from stages.runtime.run import RunOptions
 
-        run = RunOptions(preset=preset, out=out, command=shlex.join(["ifo", *words]), progress=Progress(quiet=quiet))
+        run = RunOptions(
+            preset=preset,
+            out=out,
+            overwrite=overwrite,
+            command=shlex.join(["ifo", *words]),
+            progress=Progress(quiet=quiet),
+        )
         result = import_demos(paths, config, run, preview)
     if as_json:
         kind = "preview" if preview else "demos"

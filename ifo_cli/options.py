@@ -78,6 +78,12 @@ COMMON: dict[str, tuple[Any, Any]] = {
     "workers": _option(int, "Threads and render processes (0: one a core).", min=0, metavar="INT"),
     "out": _option(Path, "Artifact to write, ending in .h5 (default: runs/NAME.KIND.h5).", metavar="PATH"),
     "resume": _option(bool, "Continue from the checkpoint beside --out.", "--resume", default=False),
+    "overwrite": _option(
+        bool,
+        "Replace a finished artifact at --out (default: keep it if it is the same, else stop).",
+        "--overwrite",
+        default=False,
+    ),
     "json": _option(bool, "Print one JSON object with the stage's figures.", "--json", default=False),
     "quiet": _option(bool, "No progress on standard error.", "--quiet", "-q", default=False),
 }
@@ -163,7 +169,7 @@ def _gather(stage: str, values: dict[str, Any]) -> Given:
         value = values[item.name]
         if value is not None:
             config[item.name] = tuple(map(str, value)) if isinstance(value, list) else value
-    run_names = ("preset", "seed", "device", "workers", "out", "resume")
+    run_names = ("preset", "seed", "device", "workers", "out", "resume", "overwrite")
     run = {name: values[name] for name in run_names if values.get(name) is not None}
     words = values["context"].find_root().obj or []
     return Given(config, run, json=values["json"], quiet=values["quiet"], words=list(words))

@@ -14,9 +14,9 @@ from artifacts import (
     ArtifactError,
     UsageError,
     atomic_folder,
+    checkpoint_path,
     default_path,
     read_artifact,
-    write_artifact,
     write_mp4,
     write_overview,
 )
@@ -24,6 +24,7 @@ from stages.config.presets import DEFAULT_PRESET, defaults
 from stages.config.stages import DemosConfig
 from stages.learners.demonstrators import Demonstrator, Expert, Person
 from stages.runtime.devices import pick_workers
+from stages.runtime.outputs import Output, name_tags
 from stages.runtime.run import RunOptions, StageResult, environment, full_config
 from stages.runtime.seeding import generator
 from stages.simulation.contexts import Contexts, repeat, take
@@ -49,29 +50,40 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
     """
     from stages.runtime.devices import use_threads
     from stages.simulation.gl import choose_backend
-    from stages.simulation.registry import distribution, file_name, make_task
+    from stages.simulation.registry import code_digest, distribution, file_name, make_task
 
     choose_backend()
     task = make_task(task_name, typed=True)
     workers = use_threads(pick_workers(run.workers))
-    name = file_name(task_name) + ("" if run.preset == DEFAULT_PRESET else f"-{run.preset}")
+    usual = defaults(run.preset, "collect-demos", task_name)
+    name = file_name(task_name) + name_tags(config, usual, run, 0, DEFAULT_PRESET)
     out = run.out or default_path(Path("runs"), name, "demos")
     drawn_from = distribution(config.contexts, config.vary)
-    _check_footage(config, out)
     task.varied(drawn_from)  # Says what is wrong with it before an expert is trained.
+    known = expert or (None if task.demonstrator else _find_expert(task_name, run, out.parent))
+    output = Output.of(
+        out, "demos", "collect-demos", config, run, [known] if known else [], {"task": task.name, **code_digest(task)}
+    )
+    if kept := output.kept():
+        if config.videos and not Path(config.videos).is_dir():
+            raise UsageError(f"{out} is there, but its footage {config.videos} is not: --overwrite makes both again")
+        return kept
+    _check_footage(config, out)
     demonstrator = _demonstrator(task, expert, run, out.parent)
+    output = output.made_from(demonstrator.parents)
     with _footage(demonstrator.task, config) as write:  # Its folder appears when the artifact is there.
-        return _film(task, demonstrator, config, run, out, workers, write)
+        return _film(task, demonstrator, config, output, workers, write)
 
 
 def _film(
-    task: Task, demonstrator: Demonstrator, config: DemosConfig, run: RunOptions, out: Path, workers: int, write: Film
+    task: Task, demonstrator: Demonstrator, config: DemosConfig, output: Output, workers: int, write: Film
 ) -> StageResult:
-    """Film until there are `config.n` demonstrations, and write the artifact at `out`; `write` gets all footage."""
+    """Film until there are `config.n` demonstrations, and write the artifact; `write` gets all footage."""
     from stages.simulation.batch import rollout
     from stages.simulation.registry import distribution, learner_context
     from stages.simulation.render import RenderPool
 
+    run = output.run
     filmed, drawn_from = demonstrator.task, distribution(config.contexts, config.vary)
     videos = np.empty((config.n, task.frames, *task.frame_size, 3), np.uint8)
     contexts: list[Contexts] = []
@@ -132,17 +144,7 @@ def _film(
         **{f"contexts/{name}": np.concatenate([part[name] for part in contexts]) for name in contexts[0]},
     }
     described = full_config("collect-demos", config, run, task=task.name, dropped=dropped)
-    pictures = write_overview(out, videos)
-    write_artifact(
-        out,
-        "demos",
-        arrays,
-        config=described,
-        seed=run.seed,
-        command=run.command,
-        parents=demonstrator.parents,
-        environment=environment(),
-    )
+    pictures = write_overview(output.path, videos)
     summary = {
         "demos": kept,
         "dropped": dropped,
@@ -151,7 +153,9 @@ def _film(
         **pictures,
         **({"footage": config.videos} if config.videos else {}),
     }
-    return StageResult(out, summary)
+    return output.write(
+        arrays, config=described, summary=summary, parents=demonstrator.parents, environment=environment()
+    )
 
 
 def playback(rng: np.random.Generator, n: int, frames: int, jitter: float) -> np.ndarray:
@@ -202,23 +206,44 @@ def _footage(task: Task, config: DemosConfig) -> Iterator[Film]:
 def _demonstrator(task: Task, expert: Path | None, run: RunOptions, folder: Path) -> Demonstrator:
     """Who is filmed."""
     if task.demonstrator is None:
-        return Expert(task, expert or _find_or_train_expert(task.name, run, folder))
+        return Expert(task, expert or _found_or_trained_expert(task.name, run, folder))
     if expert:
         raise UsageError(f"--expert {expert}: {task.name} brings somebody who demonstrates it: leave the option out")
     return Person(task)
 
 
-def _find_or_train_expert(task_name: str, run: RunOptions, folder: Path) -> Path:
-    """The expert of this preset in `folder`, trained now if there is none."""
+def _expert_path(task_name: str, run: RunOptions, folder: Path) -> Path:
+    """Where the expert of this task and preset lies."""
     from stages.simulation.registry import file_name
+
+    return default_path(folder, f"{file_name(task_name)}-{run.preset}", "expert")
+
+
+def _find_expert(task_name: str, run: RunOptions, folder: Path) -> Path | None:
+    """The expert of this task and preset in `folder`; None if there is none yet.
+
+    Raises:
+        ArtifactError: The file is no readable expert.
+    """
+    path = _expert_path(task_name, run, folder)
+    if not path.exists():
+        return None
+    read_artifact(path, "expert")
+    return path
+
+
+def _found_or_trained_expert(task_name: str, run: RunOptions, folder: Path) -> Path:
+    """The expert of this task and preset in `folder`, trained now if there is none."""
     from stages.train_expert import train_expert
 
-    path = default_path(folder, f"{file_name(task_name)}-{run.preset}", "expert")
-    if path.exists():
-        read_artifact(path, "expert")
+    path = _find_expert(task_name, run, folder)
+    if path is not None:
         run.progress.say(f"using the expert {path}")
         return path
+    path = _expert_path(task_name, run, folder)
     run.progress.say(f"no expert of {task_name} yet: training one, kept as {path}")
     command = f"ifo train-expert {task_name} --preset {run.preset} --seed {run.seed} --out {path}"
-    expert_run = dataclasses.replace(run, out=path, command=command, resume=False)
+    expert_run = dataclasses.replace(
+        run, out=path, command=command, resume=checkpoint_path(path).exists(), overwrite=False
+    )
     return train_expert(task_name, defaults(run.preset, "train-expert", task_name), expert_run).path

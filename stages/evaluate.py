@@ -16,7 +16,6 @@ from artifacts import (
     sibling,
     stem_of,
     tile_videos,
-    write_artifact,
     write_mp4,
 )
 from artifacts.atomic import write_bytes
@@ -24,6 +23,7 @@ from stages.config.stages import EvaluateConfig
 from stages.reporting.intervals import bootstrap_mean, wilson
 from stages.reporting.methods import describe_method
 from stages.runtime.devices import pick_workers
+from stages.runtime.outputs import Output
 from stages.runtime.run import RunOptions, StageResult, environment, full_config
 from stages.runtime.seeding import generator, integer
 from stages.simulation.contexts import Contexts, repeat
@@ -43,7 +43,7 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     from stages.reporting.plots import plot_learning_curves
     from stages.runtime.devices import use_threads
     from stages.simulation.gl import choose_backend
-    from stages.simulation.registry import make_task
+    from stages.simulation.registry import code_digest, make_task
     from stages.simulation.render import RenderPool
 
     choose_backend()
@@ -58,7 +58,11 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     task = make_task(names[0])
     use_threads(pick_workers(run.workers))
     name = stem_of(sources[0].path) + (f"-and-{len(sources) - 1}-more" if len(sources) > 1 else "")
+    name += "" if run.seed == sources[0].manifest.seed else f"-s{run.seed}"
     out = run.out or default_path(sources[0].path.parent, name, "evaluation")
+    output = Output.of(out, "evaluation", "evaluate", config, run, sources, code_digest(task))
+    if kept := output.kept():
+        return kept
     results: dict[str, list[np.ndarray]] = {}
     videos: list[np.ndarray] = []
     with (
@@ -79,18 +83,6 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     write_bytes(sibling(out, ".png"), plot_learning_curves(sources, task.success_threshold))
     labels = [stem_of(source.path)[-16:] for source in sources[:SHOWN]]
     write_mp4(sibling(out, ".mp4"), tile_videos([videos], labels=labels), fps=10)
-    write_artifact(
-        out,
-        "evaluation",
-        arrays
-        | {name: _padded([source[name] for source in sources]) for name in CURVES}
-        | {f"summary/{k}": np.asarray(v, np.float64) for k, v in summary.items() if not isinstance(v, str)},
-        config=described,
-        seed=run.seed,
-        command=run.command,
-        parents=[source.path for source in sources],
-        environment=environment(),
-    )
     low, high = summary["success_paper_interval"]
     run.progress.say(
         f"evaluation: {summary['normalised_distance_stochastic']:.3f} of the initial distance is left (stochastic "
@@ -99,7 +91,15 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
         f"{summary['success_deterministic']:.0%} of deterministic episodes"
     )
     pictures = {"curves": str(sibling(out, ".png")), "video": str(sibling(out, ".mp4"))}
-    return StageResult(out, {**summary, **pictures})
+    return output.write(
+        arrays
+        | {name: _padded([source[name] for source in sources]) for name in CURVES}
+        | {f"summary/{k}": np.asarray(v, np.float64) for k, v in summary.items() if not isinstance(v, str)},
+        config=described,
+        summary={**summary, **pictures},
+        parents=[source.path for source in sources],
+        environment=environment(),
+    )
 
 
 def _padded(rows: list[np.ndarray]) -> np.ndarray:

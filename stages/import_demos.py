@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from artifacts import ArtifactError, UsageError, default_path, sibling, write_artifact, write_overview, write_png
+from artifacts import ArtifactError, UsageError, default_path, sha256_of, sibling, write_overview, write_png
 from stages.config.presets import DEFAULT_PRESET
 from stages.config.stages import ImportConfig
 from stages.datasets.finding import find_episodes
@@ -23,6 +23,7 @@ from stages.footage.moments import Segment, choose_frames
 from stages.footage.preview import preview_cell, preview_sheet
 from stages.footage.sources import Source, find_videos
 from stages.runtime.interrupts import heeded
+from stages.runtime.outputs import Output
 from stages.runtime.run import RunOptions, StageResult, environment, full_config
 from stages.translation.training import FEWEST
 
@@ -60,6 +61,7 @@ class Importer:
         self.skipped: list[dict[str, str]] = []
         self.reasons: dict[str, list[str]] = defaultdict(list)
         self.notes: dict[str, list[str]] = defaultdict(list)
+        self._digests: dict[str, str] = {}
 
     def find(self, paths: Sequence[Path]) -> list[Source]:
         """The videos that these paths are or hold, each once, with their crops where a file names these.
@@ -84,6 +86,22 @@ class Importer:
                 self._run.progress.say(f"{self._config.crop_file} has rows for no video here: {_some(unknown)}")
         return sources
 
+    def inputs(self, sources: Sequence[Source]) -> dict[str, Any]:
+        """What the import reads, for its recipe: names and digests of the videos, and the digest of the crop file.
+
+        A file that cannot be read has an empty digest.
+        """
+        for source in sources:
+            try:
+                self._digests[source.label] = source.sha256()
+            except (ArtifactError, OSError):
+                self._digests[source.label] = ""
+        crops = self._config.crop_file
+        return {
+            "inputs": [[_name(label), digest] for label, digest in self._digests.items()],
+            "crops": sha256_of(crops) if crops else "",
+        }
+
     def take(self, source: Source) -> Taken | None:
         """The wanted frames of a video; None if it cannot be used.
 
@@ -106,7 +124,7 @@ class Importer:
             record = {
                 "name": _name(source.label),
                 **({"camera": source.camera} if source.camera else {}),
-                "sha256": source.sha256(),
+                "sha256": self._digests.get(source.label) or source.sha256(),
                 "size": list(shape[::-1]),
                 "duration": round(footage.duration, 6),
                 "rotation": footage.rotation,
@@ -189,6 +207,9 @@ def import_demos(paths: Sequence[Path], config: ImportConfig, run: RunOptions, p
     _check_not_an_input(out, sources)
     if preview:
         return _write_preview(importer, sources, out, run)
+    output = Output.of(out, "demos", "import-demos", config, run, extra=importer.inputs(sources))
+    if kept := output.kept():
+        return kept
     _compare_with_task(config, importer.size, run)
     height, width = importer.size
     videos = np.empty((len(sources), config.frames, height, width, 3), np.uint8)
@@ -208,17 +229,14 @@ def import_demos(paths: Sequence[Path], config: ImportConfig, run: RunOptions, p
     for line in _remarks(importer, records):
         run.progress.say(line)
     videos = videos[: len(times)]
-    write_artifact(
-        out,
-        "demos",
+    summary = {"demos": len(times), "skipped": importer.skipped, "frames": len(times) * config.frames}
+    pictures = write_overview(out, videos)
+    return output.write(
         {"frames": videos, "times": np.stack(times)},
         config=full_config("import-demos", config, run, videos=records, skipped=importer.skipped),
-        seed=run.seed,
-        command=run.command,
+        summary=summary | pictures,
         environment=environment() | {name: metadata.version(name) for name in ("av", "opencv-python-headless")},
     )
-    summary = {"demos": len(times), "skipped": importer.skipped, "frames": len(times) * config.frames}
-    return StageResult(out, summary | write_overview(out, videos))
 
 
 def _compare_with_task(config: ImportConfig, size: tuple[int, int], run: RunOptions) -> None:

@@ -12,16 +12,18 @@ from artifacts import (
     UsageError,
     default_path,
     read_artifact,
+    sha256_of,
     sibling,
     stem_of,
     tile_videos,
-    write_artifact,
     write_mp4,
 )
+from stages.config.presets import defaults
 from stages.config.stages import LOCAL_LEARNERS, REWARD_TERMS, TRACKED_REWARDS, PolicyConfig
 from stages.rewards.factory import make_reward
 from stages.runtime.checkpoints import Checkpoints
 from stages.runtime.devices import pick_device, pick_workers
+from stages.runtime.outputs import Output, name_tags
 from stages.runtime.run import RunOptions, StageResult, environment, full_config
 from stages.simulation.contexts import repeat
 
@@ -36,7 +38,7 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     from stages.learners.policy import Policy, policy_video, policy_weights
     from stages.runtime.devices import use_threads
     from stages.simulation.gl import choose_backend
-    from stages.simulation.registry import make_task
+    from stages.simulation.registry import code_digest, make_task
     from stages.simulation.render import RenderPool
 
     _check(config)
@@ -46,9 +48,13 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     device = pick_device(run.device)
     workers = use_threads(pick_workers(run.workers))
     contexts = source.group("contexts")
-    suffix = "" if config.reward == "translation" else f"-{config.reward}"
-    suffix += "" if run.seed == source.manifest.seed else f"-s{run.seed}"
-    out = run.out or default_path(source.path.parent, stem_of(source.path) + suffix, "policy")
+    usual = defaults(run.preset, "learn-policy", source.config["task"])
+    tags = name_tags(config, usual, run, source.manifest.seed, source.config.get("preset", run.preset))
+    out = run.out or default_path(source.path.parent, stem_of(source.path) + tags, "policy")
+    weights = {"weights_sha256": sha256_of(config.weights)} if Path(config.weights).is_file() else {}
+    output = Output.of(out, "policy", "learn-policy", config, run, [source], code_digest(task) | weights)
+    if kept := output.kept():
+        return kept
     reward = make_reward(config, task, source, contexts, workers, run.seed, device)
     try:
         env = EpisodeEnv(task, config.episodes, run.seed, lambda rng, n: repeat(contexts, n), reward, nthread=workers)
@@ -68,17 +74,6 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     if "expert_frames" in source:
         shown["expert here"] = source["expert_frames"]
     write_mp4(sibling(out, ".mp4"), tile_videos([list(shown.values())], labels=list(shown)), fps=10)
-    write_artifact(
-        out,
-        "policy",
-        policy_weights(model) | curve_arrays(curve) | {f"contexts/{name}": values for name, values in contexts.items()},
-        config=described,
-        seed=run.seed,
-        command=run.command,
-        parents=[source.path],
-        environment=environment(device),
-    )
-    checkpoints.remove()
     run.progress.say(f"policy: last batch ends at {final:.3f} of the initial distance")
     summary = {
         "normalised_distance": final,
@@ -86,7 +81,15 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
         "seconds": float(sum(curve["seconds"])),
         "video": str(sibling(out, ".mp4")),
     }
-    return StageResult(out, summary)
+    result = output.write(
+        policy_weights(model) | curve_arrays(curve) | {f"contexts/{name}": values for name, values in contexts.items()},
+        config=described,
+        summary=summary,
+        parents=[source.path],
+        environment=environment(device),
+    )
+    checkpoints.remove()
+    return result
 
 
 def _check(config: PolicyConfig) -> None:

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from artifacts import default_path, write_artifact
+from artifacts import default_path
+from stages.config.presets import defaults
 from stages.config.stages import ExpertConfig
 from stages.runtime.checkpoints import Checkpoints
 from stages.runtime.devices import pick_device, pick_workers
+from stages.runtime.outputs import Output, name_tags
 from stages.runtime.run import RunOptions, StageResult, environment, full_config
 from stages.runtime.seeding import generator
 from stages.simulation.contexts import Contexts, repeat, take
@@ -34,7 +36,7 @@ def train_expert(task_name: str, config: ExpertConfig, run: RunOptions) -> Stage
     from stages.rewards.state import ExpertReward
     from stages.runtime.devices import use_threads
     from stages.simulation.gl import choose_backend
-    from stages.simulation.registry import distribution, file_name, make_task
+    from stages.simulation.registry import code_digest, distribution, file_name, make_task
 
     choose_backend(required=False)  # Draws nothing; but mujoco settles on a backend when it is imported.
     task = make_task(task_name, typed=True)
@@ -43,7 +45,11 @@ def train_expert(task_name: str, config: ExpertConfig, run: RunOptions) -> Stage
         run.progress.say(f"{task_name} brings somebody who demonstrates it: ifo collect-demos needs no expert of it")
     pick_device(run.device)
     workers = use_threads(pick_workers(run.workers))
-    out = run.out or default_path(Path("runs"), f"{file_name(task_name)}-{run.preset}", "expert")
+    tags = name_tags(config, defaults(run.preset, "train-expert", task_name), run, 0, run.preset)
+    out = run.out or default_path(Path("runs"), f"{file_name(task_name)}-{run.preset}{tags}", "expert")
+    output = Output.of(out, "expert", "train-expert", config, run, extra={"task": task_name, **code_digest(task)})
+    if kept := output.kept():
+        return kept
     contexts = distribution(config.contexts, config.vary)
     env = EpisodeEnv(
         task,
@@ -69,23 +75,15 @@ def train_expert(task_name: str, config: ExpertConfig, run: RunOptions) -> Stage
         f"{100 * consistent:.1f}%"
     )
     arrays = policy_weights(model) | curve_arrays(curve) | report
-    write_artifact(
-        out,
-        "expert",
-        arrays,
-        config=described,
-        seed=run.seed,
-        command=run.command,
-        environment=environment(),
-    )
-    checkpoints.remove()
     summary = {
         "success": success,
         "normalised_distance": float(distances.mean()),
         "consistent": consistent,
         "spread_rad": float(np.median(spread.max(axis=1))),
     }
-    return StageResult(out, summary)
+    result = output.write(arrays, config=described, summary=summary, environment=environment())
+    checkpoints.remove()
+    return result
 
 
 def _test(task: Task, policy: Policy, config: ExpertConfig, run: RunOptions, workers: int) -> dict[str, np.ndarray]:

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from artifacts import ArtifactError, UsageError, default_path, read_artifact, stem_of, write_artifact
+from artifacts import ArtifactError, UsageError, default_path, read_artifact, stem_of
+from stages.config.presets import defaults
 from stages.config.stages import LOSSES, TranslatorConfig
 from stages.runtime.checkpoints import Checkpoints
 from stages.runtime.devices import pick_device, pick_workers
+from stages.runtime.outputs import Output, name_tags
 from stages.runtime.run import RunOptions, StageResult, environment, full_config
 
 if TYPE_CHECKING:
@@ -51,7 +53,14 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
     device = run.processes.device or pick_device(run.device)
     workers = pick_workers(run.workers)
     use_threads(workers if run.workers else max(workers // run.processes.here, 1))
-    out = run.out or default_path(source.path.parent, stem_of(source.path), "translator")
+    task = str(source.config.get("task") or "")
+    usual = defaults(run.preset, "train-translator", task)
+    tags = name_tags(config, usual, run, source.manifest.seed, source.config.get("preset", run.preset))
+    out = run.out or default_path(source.path.parent, stem_of(source.path) + tags, "translator")
+    output = Output.of(out, "translator", "train-translator", config, run, [source])
+    if kept := output.kept():
+        run.processes.finish()
+        return kept
     frames = torch.from_numpy(source["frames"])
     held_out = held_out_count(len(frames), config.held_out)
     if len(frames) < FEWEST:
@@ -80,20 +89,17 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
         f"held out: {metrics['psnr']:.2f} dB PSNR (copying the context: {metrics['copy_psnr']:.2f}), "
         f"SSIM {metrics['ssim']:.3f} ({metrics['copy_ssim']:.3f}), feature ratio {metrics['feature_ratio']:.2f}"
     )
-    write_artifact(
-        out,
-        "translator",
+    result = output.write(
         {
             **{f"weights/{k}": v.detach().cpu().numpy() for k, v in training.average.state_dict().items()},
             **{f"curve/{name}": np.asarray(values) for name, values in curve.items()},
             **{f"metrics/{name}": np.asarray(value) for name, value in metrics.items()},
         },
         config=described,
-        seed=run.seed,
-        command=run.command,
+        summary=metrics,
         parents=[source.path],
         environment=environment(device) | ({"processes": str(run.processes.count)} if run.processes.count > 1 else {}),
     )
     checkpoints.remove()
     run.processes.finish()
-    return StageResult(out, metrics)
+    return result

@@ -14,16 +14,17 @@ from artifacts import (
     default_path,
     read_artifact,
     read_png,
+    sha256_of,
     sibling,
     stem_of,
     tile_videos,
-    write_artifact,
     write_mp4,
 )
 from artifacts.atomic import write_bytes
 from stages.config.presets import defaults
 from stages.config.stages import TranslateConfig
 from stages.runtime.devices import pick_device, pick_workers
+from stages.runtime.outputs import Output, name_tags
 from stages.runtime.run import RunOptions, StageResult, environment, full_config
 from stages.runtime.seeding import generator
 from stages.simulation.contexts import Contexts
@@ -63,7 +64,12 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
         require_tslearn()
     model = load_translator(source, device)
     where = Path(config.context_image).stem if config.context_image else f"c{config.context_seed}"
-    out = run.out or default_path(source.path.parent, f"{stem_of(source.path)}-{where}", "translation")
+    usual = defaults(run.preset, "translate", str(source.config.get("task") or ""))
+    tags = name_tags(config, usual, run, source.manifest.seed, source.config.get("preset", run.preset))
+    out = run.out or default_path(source.path.parent, f"{stem_of(source.path)}-{where}{tags}", "translation")
+    output = Output.of(out, "translation", "translate", config, run, [source], _image_digest(config))
+    if kept := output.kept():
+        return kept
     if config.context_image:
         contexts, frame, expert = None, _read_context(config.context_image, tuple(source.config["size"])), None
     else:
@@ -139,18 +145,28 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     if truth is not None:
         rows, labels = [[*row, truth] for row in rows], [*labels, "expert here"]
     write_mp4(sibling(out, ".mp4"), tile_videos(rows, labels=labels), fps=10)
-    write_artifact(
-        out,
-        "translation",
+    pictures = {"video": str(sibling(out, ".mp4")), **({"plot": str(plot)} if truth is not None else {})}
+    return output.write(
         arrays | {f"metrics/{name}": np.asarray(value) for name, value in metrics.items()},
         config=described,
-        seed=run.seed,
-        command=run.command,
+        summary={**metrics, "demonstrations": len(frames), **pictures},
         parents=[source.path],
         environment=environment(device),
     )
-    pictures = {"video": str(sibling(out, ".mp4")), **({"plot": str(plot)} if truth is not None else {})}
-    return StageResult(out, {**metrics, "demonstrations": len(frames), **pictures})
+
+
+def _image_digest(config: TranslateConfig) -> dict[str, str]:
+    """The SHA-256 of the context image, as part of the recipe; empty where there is none.
+
+    Raises:
+        UsageError: The file cannot be read.
+    """
+    if not config.context_image:
+        return {}
+    try:
+        return {"context_image_sha256": sha256_of(config.context_image)}
+    except OSError as error:
+        raise UsageError(f"--context-image {config.context_image}: cannot be read ({error.strerror})") from error
 
 
 def _read_context(path: str, size: tuple[int, ...]) -> np.ndarray:

@@ -33,17 +33,25 @@ VIDEO_CRF = 12
 
 
 def option(
-    default: Any, text: str, choices: tuple[str, ...] = (), low: float | None = None, high: float | None = None
+    default: Any,
+    text: str,
+    choices: tuple[str, ...] = (),
+    low: float | None = None,
+    high: float | None = None,
+    tag: str | None = None,
 ) -> Any:
-    """A dataclass field that is also a command-line option: its default, help, allowed values and bounds."""
-    return field(default=default, metadata={"help": text, "choices": choices, "low": low, "high": high})
+    """A dataclass field that is also a command-line option: its default, help, allowed values and bounds.
+
+    With `tag`, a value other than the usual one is part of the default file name, behind this label (may be empty).
+    """
+    return field(default=default, metadata={"help": text, "choices": choices, "low": low, "high": high, "tag": tag})
 
 
 @dataclass(frozen=True)
 class LearnerConfig:
     """How a policy is learned by reinforcement."""
 
-    learner: str = option("trpo", "Learning algorithm.", LEARNERS)
+    learner: str = option("trpo", "Learning algorithm.", LEARNERS, tag="")
     iterations: int = option(100, "Iterations of `episodes` episodes.", low=1)
     episodes: int = option(250, "Episodes an iteration, side by side (of 50 control steps; in the suite 1,000).", low=2)
     hidden: int = option(64, "Width of the two hidden layers of policy and value.", low=1)
@@ -65,8 +73,8 @@ class LearnerConfig:
 class ExpertConfig(LearnerConfig):
     """An expert: learns the task's hand-written reward in random contexts, seeing the state and the goal."""
 
-    contexts: str = option("paper", "Contexts to practise in" + VIEWPOINTS, CONTEXTS)
-    vary: str = option("", VARY)
+    contexts: str = option("paper", "Contexts to practise in" + VIEWPOINTS, CONTEXTS, tag="")
+    vary: str = option("", VARY, tag="vary-")
     test_contexts: int = option(200, "Contexts that the finished expert is tested in.", low=1)
     test_episodes: int = option(16, "Episodes a context when its consistency is measured.", low=2)
 
@@ -76,10 +84,13 @@ class DemosConfig:
     """Demonstrations: videos of the expert in random contexts."""
 
     n: int = option(3000, "Demonstrations to collect.", low=2)
-    contexts: str = option("paper", "Contexts to draw from" + VIEWPOINTS, CONTEXTS)
-    vary: str = option("", VARY)
+    contexts: str = option("paper", "Contexts to draw from" + VIEWPOINTS, CONTEXTS, tag="")
+    vary: str = option("", VARY, tag="vary-")
     context_seed: int = option(
-        -1, "Film all in the context that translate gives a learner for this seed (-1: each in its own).", low=-1
+        -1,
+        "Film all in the context that translate gives a learner for this seed (-1: each in its own).",
+        low=-1,
+        tag="own-context",
     )
     keep_failures: bool = option(False, "Keep demonstrations that failed.")
     jitter: float = option(
@@ -87,6 +98,7 @@ class DemosConfig:
         "Play each video at its own tempo, which wanders by up to this share (distances stay the whole episode's).",
         low=0,
         high=1,
+        tag="jitter",
     )
     videos: str = option(
         "",
@@ -105,6 +117,7 @@ class TranslatorConfig:
         "Network: a compact one for CPUs, the paper's for simulation (paper), or its narrow one for real images (real, "
         "with dropout and a lambda_2 of its own).",
         ARCHITECTURES,
+        tag="",
     )
     steps: int = option(5000, "Optimiser steps (0: leave the weights random).", low=0)
     videos: int = option(16, "Videos a step; each is source of one pair and target of another.", low=2)
@@ -119,9 +132,12 @@ class TranslatorConfig:
     weight_decay: float = option(1e-4, "AdamW's weight decay.", low=0)
     lambda_rec: float = option(1.0, "lambda_1, weight of L_rec.", low=0)
     lambda_align: float = option(0.1, "lambda_2, weight of L_align.", low=0)
-    without: tuple[str, ...] = option((), "Switch a loss off (repeatable).", LOSSES)
+    without: tuple[str, ...] = option((), "Switch a loss off (repeatable).", LOSSES, tag="without-")
     align: str = option(
-        "none", "What pairs frames of two videos: equal time (none), or soft dynamic time warping (dtw).", ALIGNMENTS
+        "none",
+        "What pairs frames of two videos: equal time (none), or soft dynamic time warping (dtw).",
+        ALIGNMENTS,
+        tag="",
     )
     motion_weight: float = option(0.0, "Extra weight of pixels that differ from the context frame.", low=0)
     # Mirrored videos are more data, but another world to learn, too: a robot whose joints bend the other way.
@@ -145,11 +161,17 @@ class TranslateConfig:
     """Translation of demonstrations into the learner's context (Sec. V.A)."""
 
     n: int = option(200, "Demonstrations to translate and average.", low=1)
-    split: str = option("held-out", "Demonstrations to translate.", SPLITS)
-    align: str = option("", "Align translations in time before averaging (default: as in training).", ALIGNMENTS)
+    split: str = option("held-out", "Demonstrations to translate.", SPLITS, tag="")
+    align: str = option(
+        "", "Align translations in time before averaging (default: as in training).", ALIGNMENTS, tag=""
+    )
     context_seed: int = option(0, "Seed of the learner's context.", low=0)
-    contexts: str = option("", "Distribution of the learner's context (default: that of the demonstrations).", CONTEXTS)
-    vary: str = option("", "What varies in the learner's context (default: what does in the demonstrations).")
+    contexts: str = option(
+        "", "Distribution of the learner's context (default: that of the demonstrations).", CONTEXTS, tag=""
+    )
+    vary: str = option(
+        "", "What varies in the learner's context (default: what does in the demonstrations).", tag="vary-"
+    )
     context_image: str = option(
         "",
         "PNG of the learner's context, in place of a simulated one (to look at: learn-policy needs a simulated one).",
@@ -165,6 +187,7 @@ class PolicyConfig(LearnerConfig):
         "Learning algorithm. gps (guided policy search's local one) needs far fewer episodes, has defaults of its own, "
         f"and takes --reward {', '.join(TRACKED_REWARDS)}; its --kl is a first value, adapted on the way.",
         LEARNERS + LOCAL_LEARNERS,
+        tag="",
     )
     # Wide at first: with 0.6 in place of 1.6 some runs settle in a posture that hides the arm, and never leave it.
     log_std: float = option(0.5, "Initial log standard deviation of the actions.")
@@ -173,8 +196,9 @@ class PolicyConfig(LearnerConfig):
         "Reward: the paper's; the true distance (oracle); tracking of the true expert video, of an ImageNet network's "
         "features or of one demonstration's joints, none of them translated; a discriminator's (gail, tpil).",
         REWARDS,
+        tag="",
     )
-    without: tuple[str, ...] = option((), "Switch a term of the reward off (repeatable).", REWARD_TERMS)
+    without: tuple[str, ...] = option((), "Switch a term of the reward off (repeatable).", REWARD_TERMS, tag="without-")
     # R_feat alone misleads on the way to a target that is far off (results/LOG.md).
     image_weight: float = option(2.0, "w_rec, weight of R_img beside R_feat, both scaled to order one.", low=0)
     blur: float = option(
@@ -195,9 +219,13 @@ class PolicyConfig(LearnerConfig):
         "With --learner gps, searches that begin apart and take turns; after half of the iterations the cheapest goes "
         "on alone.",
         low=1,
+        tag="starts",
     )
     negatives: int = option(
-        0, "Tune the features on the learner's own frames every this many iterations (0: never).", low=0
+        0,
+        "Tune the features on the learner's own frames every this many iterations (0: never).",
+        low=0,
+        tag="negatives",
     )
     layer: str = option("best", "Layer of --reward pretrained; best: where held-out demonstrations say most.")
     weights: str = option("", "File of another ImageNet network's weights, for --reward pretrained.")

@@ -24,6 +24,7 @@ class RunOptions:
         workers: Threads and render processes; 0: one a core.
         out: Path of the artifact; None: `runs/NAME.KIND.h5`.
         resume: Continue from the checkpoint beside `out` where there is one.
+        overwrite: Replace a finished artifact at `out`, even if it is just what the stage would make.
         command: The command line, for the artifact's lineage.
         progress: Where progress and messages go.
         processes: The processes that share the run.
@@ -35,6 +36,7 @@ class RunOptions:
     workers: int = 0
     out: Path | None = None
     resume: bool = False
+    overwrite: bool = False
     command: str = "ifo"
     progress: Progress = field(default_factory=Progress)
     processes: Processes = field(default_factory=Processes)

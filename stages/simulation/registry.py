@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import importlib
 import importlib.metadata
+import inspect
 import os
 from collections.abc import Callable
+from pathlib import Path
 
 from artifacts.errors import UsageError
 from stages.runtime.seeding import generator
@@ -89,6 +92,20 @@ def _made(name: str, load: Callable[[], object]) -> Task:
         raise UsageError(f"task {name!r} is a {type(task).__name__}, expected a stages.simulation.task.Task")
     task.name = name  # What later stages find it by.
     return task
+
+
+def code_digest(task: Task) -> dict[str, str]:
+    """The SHA-256 of a user's task file, as `{"task_code": ...}`, so that a changed task makes new artifacts.
+
+    Empty for tasks of this package, whose code belongs to the version of ifo.
+    """
+    try:
+        path = inspect.getsourcefile(type(task))
+        if path is None or type(task).__module__.partition(".")[0] == __name__.partition(".")[0]:
+            return {}
+        return {"task_code": hashlib.sha256(Path(path).read_bytes()).hexdigest()}
+    except (OSError, TypeError):
+        return {}
 
 
 def file_name(task_name: str) -> str:
