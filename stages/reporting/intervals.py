@@ -1,30 +1,46 @@
-"""Confidence intervals, 95% throughout."""
+"""95% confidence intervals."""
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
+from scipy import stats
 
-Z = 1.959964  # of the normal distribution's central 95%
+LEVEL = 0.95
 RESAMPLES = 10_000
 
 
 def wilson(successes: int, trials: int) -> tuple[float, float]:
-    """Wilson's score interval of a success rate."""
-    if trials == 0:
+    """Wilson score interval of a success rate; (0, 1) without trials.
+
+    Raises:
+        ValueError: More successes than trials.
+    """
+    if trials == 0 == successes:
         return 0.0, 1.0
-    rate = successes / trials
-    centre = (rate + Z**2 / (2 * trials)) / (1 + Z**2 / trials)
-    half = Z * math.sqrt(rate * (1 - rate) / trials + Z**2 / (4 * trials**2)) / (1 + Z**2 / trials)
-    return max(0.0, centre - half), min(1.0, centre + half)
+    found = stats.binomtest(int(successes), int(trials)).proportion_ci(LEVEL, "wilson")
+    return float(found.low), float(found.high)
 
 
 def bootstrap_mean(values: np.ndarray) -> tuple[float, float]:
-    """Percentile bootstrap interval of the mean of `values` (n,); the resampling is seeded."""
+    """Percentile bootstrap interval of the mean of `values` (n,); of a single value, that value twice.
+
+    The generator of the resampling is seeded, so that equal values have equal intervals. Percentile, not BCa: where all
+    values are equal, which is the usual case of a success rate, BCa is not defined.
+
+    Raises:
+        ValueError: There are no values.
+    """
     values = np.asarray(values, np.float64)
-    if len(values) < 2:
-        return float(values.mean()), float(values.mean())
-    drawn = np.random.default_rng(0).choice(values, (RESAMPLES, len(values)))
-    low, high = np.percentile(drawn.mean(axis=1), [2.5, 97.5])
-    return float(low), float(high)
+    if values.ndim != 1 or not len(values):
+        raise ValueError(f"expected values of shape (n,), n > 0; got {values.shape}")
+    if len(values) == 1:
+        return float(values[0]), float(values[0])
+    found = stats.bootstrap(
+        (values,),
+        np.mean,
+        n_resamples=RESAMPLES,
+        confidence_level=LEVEL,
+        method="percentile",
+        rng=np.random.default_rng(0),
+    )
+    return float(found.confidence_interval.low), float(found.confidence_interval.high)
