@@ -24,6 +24,7 @@ from stages.reporting.intervals import bootstrap_mean, wilson
 from stages.reporting.methods import describe_method
 from stages.runtime.devices import pick_workers
 from stages.runtime.outputs import Output
+from stages.runtime.progress import Progress
 from stages.runtime.run import RunOptions, StageResult, environment, full_config
 from stages.runtime.seeding import generator, integer
 from stages.simulation.contexts import Contexts, repeat
@@ -79,7 +80,9 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     arrays = {key: np.stack(values) for key, values in results.items()}
     summary = _summarise(task, arrays)
     about = {"task": task.name, "success_threshold": task.success_threshold}
-    described = full_config("evaluate", config, run, **about, runs=[_describe(source) for source in sources])
+    described = full_config(
+        "evaluate", config, run, **about, runs=[_describe(source, run.progress) for source in sources]
+    )
     write_bytes(sibling(out, ".png"), plot_learning_curves(sources, task.success_threshold))
     labels = [stem_of(source.path)[-16:] for source in sources[:SHOWN]]
     write_mp4(sibling(out, ".mp4"), tile_videos([videos], labels=labels), fps=10)
@@ -110,12 +113,15 @@ def _padded(rows: list[np.ndarray]) -> np.ndarray:
     return padded
 
 
-def _describe(source: Artifact) -> dict[str, Any]:
-    """Where one of the evaluated runs came from."""
+def _describe(source: Artifact, progress: Progress) -> dict[str, Any]:
+    """Where one of the evaluated runs came from; what is not known of it is printed."""
     config = source.config
-    described = {
+    method, problem = describe_method(source)
+    if problem:
+        progress.say(f"{source.path}: recorded as {method['method']}: {problem}")
+    return {
         "policy": source.path.name,
-        **describe_method(source),
+        **method,
         "seed": source.manifest.seed,
         "context_seed": config["context_seed"],
         "contexts": config["contexts"],
@@ -125,7 +131,6 @@ def _describe(source: Artifact) -> dict[str, Any]:
         "learning_minutes": float(source["curve/seconds"].sum() / 60),
         "last_batch_distance": float(source["curve/normalised_distance"][-1]),
     }
-    return described
 
 
 def _episodes(

@@ -11,6 +11,7 @@ from artifacts import Artifact, ArtifactError, PlatformError, UsageError, read_a
 from artifacts.atomic import write_bytes
 from stages.reporting.counting import Duplicate, count_once
 from stages.reporting.lineage import lineage
+from stages.reporting.names import DEMONSTRATIONS, TRANSLATOR
 from stages.reporting.page import MARK, markdown, page
 from stages.reporting.plots import draw
 from stages.reporting.rows import Run, as_csv, read_runs
@@ -46,7 +47,7 @@ def report(inputs: Sequence[Path], out: Path, title: str, command: str, progress
     runs = [run for item in summaries for run in item.runs]  # in the order of the tables
     ordered = list(dict.fromkeys(run.evaluation for run in runs))
     videos = collect_videos(ordered, runs)
-    notes = [*_repeated(duplicates), *_without_curves(runs), *_uncertain(runs), *videos.notes]
+    notes = [*_repeated(duplicates), *_without_curves(runs), *_unknown(runs), *videos.notes]
     plots = draw(summaries)
     files = {name: out.with_name(f"{out.stem}-{name}.png") for name in plots}
     table = summary_table(summaries)
@@ -127,14 +128,17 @@ def _without_curves(runs: Sequence[Run]) -> list[str]:
     return [f"Without learning curves, having been made by an older ifo: {', '.join(paths)}."] if paths else []
 
 
-def _uncertain(runs: Sequence[Run]) -> list[str]:
-    paths = dict.fromkeys(str(run.evaluation.path) for run in runs if not run.method_is_certain)
-    if not paths:
-        return []
-    return [
-        f"These evaluations do not record how their translators were made, so that nothing tells an untrained or "
-        f"crippled one from a whole one: {', '.join(paths)}."
-    ]
+def _unknown(runs: Sequence[Run]) -> list[str]:
+    """One line for each kind of file that evaluations could not find out about."""
+    notes = []
+    for part in (TRANSLATOR, DEMONSTRATIONS):
+        paths = dict.fromkeys(str(run.evaluation.path) for run in runs if run.unknown == part)
+        if paths:
+            notes.append(
+                f"{part.capitalize()} unknown, because files were missing or had changed when the policies were "
+                f"evaluated, or because an older ifo did not record it: {', '.join(paths)}."
+            )
+    return notes
 
 
 def _figures(

@@ -9,11 +9,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from artifacts import stem_of
-from stages.reporting.methods import LEARNING, TRANSLATOR
+from stages.reporting.methods import ALWAYS, OF_REWARD, TRANSLATOR
 from stages.reporting.rows import Run
 
-ALWAYS = ("learner", "iterations", "episodes", "starts")  # of LEARNING, what matters to every reward
-UNRECORDED = {"starts": 1}  # of LEARNING, what runs had before it was an option
+UNRECORDED = {"starts": 1}  # what runs had before it was an option
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ def _told_apart_by_settings(runs: Sequence[Run]) -> list[Run]:
 
 def _settings(run: Run) -> dict[str, Any]:
     """Recorded options by name, the translator's with a word before them; what is not recorded is left out."""
-    options = {name: run.recorded.get(name) for name in (LEARNING if run.translates else ALWAYS)}
+    options = {name: run.recorded.get(name) for name in (*ALWAYS, *OF_REWARD.get(run.recorded["reward"], ()))}
     options |= {name: value for name, value in UNRECORDED.items() if options[name] is None}
     options |= {f"translator {name}": run.translator.get(name) for name in TRANSLATOR}
     return {name: value for name, value in options.items() if value is not None}
@@ -81,7 +80,7 @@ def _text(value: Any) -> str:
 def _told_apart_by_file(runs: Sequence[Run]) -> list[Run]:
     uncertain: dict[Any, list[Run]] = {}
     for run in runs:
-        if not run.method_is_certain:
+        if run.unknown:
             uncertain.setdefault(run.identity, []).append(run)
     ambiguous = {
         run.evaluation.path
@@ -91,7 +90,7 @@ def _told_apart_by_file(runs: Sequence[Run]) -> list[Run]:
     }
     return [
         replace(run, method=f"{run.method} ({stem_of(run.evaluation.path)})")
-        if run.evaluation.path in ambiguous and not run.method_is_certain
+        if run.evaluation.path in ambiguous and run.unknown
         else run
         for run in runs
     ]

@@ -112,4 +112,6 @@ def _facts(facts: dict[str, str]) -> str:
 
 
 def _value(value: Any) -> str:
+    if value is None or value == {}:
+        return "unknown"
     return value if isinstance(value, str) and value else json.dumps(value)

@@ -1,59 +1,50 @@
-"""What a learning run is called in tables and plots: its reward, and what was switched off or on."""
+"""How a policy was learned, read from the files that it was made from, as long as these are unchanged."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from artifacts import Artifact, ArtifactError
+from stages.reporting.names import method_name
 
-LEARNING = (
-    *("reward", "learner", "without", "ramp", "image_weight", "blur", "fine_blur", "negatives"),
-    *("iterations", "episodes", "starts"),
-)
+ALWAYS = ("learner", "iterations", "episodes", "starts")  # options of learn-policy that matter to every reward
+_TRACKING = ("without", "ramp", "image_weight", "blur", "fine_blur", "negatives")
+_DISCRIMINATOR = ("discriminator_steps", "discriminator_rate")
+# Options of learn-policy that matter to one reward.
+OF_REWARD = {
+    "translation": _TRACKING,
+    "video": _TRACKING,
+    "pretrained": ("ramp", "layer", "weights"),
+    "joints": ("ramp",),
+    "gail": _DISCRIMINATOR,
+    "tpil": _DISCRIMINATOR,
+}
+LEARNING = tuple(dict.fromkeys(("reward", *ALWAYS, *(name for names in OF_REWARD.values() for name in names))))
 TRANSLATOR = ("arch", "steps", "without", "align", "lambda_rec", "lambda_align", "demonstrations")
 
 
-def describe_method(policy: Artifact) -> dict[str, Any]:
-    """What decides how a policy was learned, JSON-ready.
+def describe_method(policy: Artifact) -> tuple[dict[str, Any], str]:
+    """What decides how a policy was learned.
+
+    A file behind the policy counts only if it is the very one that the policy was made from.
 
     Returns:
-        Options of learn-policy by name; `translator`, options of the translator behind its translation, with the
-        `minutes` that training took, or {} where that file is gone; `method`, a short name of all this.
+        JSON-ready values: options of learn-policy by name; `translator`, options of the translator behind the policy's
+        translation, with the `minutes` that its training took, None if not known; `own_context`, whether the
+        demonstrations were recorded in one learner's context, None if not known; `method`, a name of all this.
+        And why something is not known, in one line; empty if all is known.
     """
     described: dict[str, Any] = {name: policy.config.get(name) for name in LEARNING}
+    described |= {"translator": None, "own_context": None}
+    problem = ""
     try:
-        translator = policy.parent("translation").parent("translator")
-    except ArtifactError:
-        described["translator"] = {}
-    else:
-        described["translator"] = {name: translator.config.get(name) for name in TRANSLATOR}
-        described["translator"]["minutes"] = float(translator["curve/seconds"].sum() / 60)
-        described["own_context"] = _own_context(translator)
-    return {**described, "method": method_name(described)}
-
-
-def _own_context(translator: Artifact) -> bool:
-    """Whether its demonstrations were all filmed in one learner's context."""
-    try:
-        return translator.parent("demos").config.get("context_seed", -1) >= 0
-    except ArtifactError:
-        return False
-
-
-def method_name(run: dict[str, Any]) -> str:
-    """A run's method: its reward; for the translation reward also what departs from it.
-
-    `translation`, `random` (a translator that was not trained), `translation without trans` (losses of the translator
-    and terms of the reward that were switched off, in order), `translation, aligned`, `translation, negatives`. Behind
-    all this, `own context` where the demonstrations are from the learner's.
-    """
-    own = ", own context" * bool(run.get("own_context"))
-    if run["reward"] != "translation":
-        return run["reward"] + own
-    translator = run.get("translator") or {}
-    if translator.get("steps") == 0:
-        return "random" + own
-    off = [*(translator.get("without") or ()), *(run.get("without") or ())]
-    name = "translation" + (f" without {', '.join(off)}" if off else "")
-    on = ["aligned"] * (translator.get("align") == "dtw") + ["negatives"] * bool(run.get("negatives"))
-    return ", ".join([name, *on]) + own
+        translator = policy.parent("translation", check=True).parent("translator", check=True)
+        described["translator"] = {
+            **{name: translator.config.get(name) for name in TRANSLATOR},
+            "minutes": float(translator["curve/seconds"].sum() / 60) if "curve/seconds" in translator else None,
+        }
+        demos = translator.parent("demos", check=True)
+        described["own_context"] = demos.config.get("context_seed", -1) >= 0
+    except ArtifactError as error:
+        problem = str(error)
+    return {**described, "method": method_name(described)}, problem

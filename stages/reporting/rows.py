@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from artifacts import Artifact, ArtifactError, Parent
-from artifacts.schema import Config
-from stages.reporting.methods import method_name
+from stages.reporting.names import TRACKED, method_name, unknown_part
+from stages.reporting.records import checked_records
 
 # What `ifo translate` measured before any learning.
 METRICS = (
@@ -85,19 +85,20 @@ class Run:
 
     @property
     def translator_minutes(self) -> float | None:
-        """Minutes that training the translator took; None where the reward needs none, or nobody recorded it."""
+        """Minutes that training the translator took; None where the reward needs none, or it is not known."""
         minutes = self.translator.get("minutes")
         return None if minutes is None else float(minutes)
 
     @property
     def translator(self) -> dict[str, Any]:
-        """What is on record of the translator, for the reward that needs it; else {}."""
-        return (self.recorded.get("translator") or {}) if self.translates else {}
+        """What is recorded of the translator, if the reward needs it; {} if not, or if it is not known."""
+        return (self.recorded.get("translator") or {}) if self.tracks else {}
 
     @property
     def metrics(self) -> dict[str, float]:
-        """Of `METRICS` those known, for the reward that they judge."""
-        found = (self.recorded.get("translation_metrics") or {}) if self.translates else {}
+        """The known ones of `METRICS`, for the reward that they judge."""
+        judged = self.recorded.get("reward") == "translation"
+        found = (self.recorded.get("translation_metrics") or {}) if judged else {}
         return {name: float(found[name]) for name in METRICS if found.get(name) is not None}
 
     @property
@@ -106,14 +107,14 @@ class Run:
         return self.task, self.method, self.recorded["context_seed"], self.recorded["seed"]
 
     @property
-    def method_is_certain(self) -> bool:
-        """Whether the translator is on record; without, a crippled one goes by the name of a whole one."""
-        return bool(self.translator) or not self.translates
+    def unknown(self) -> str:
+        """Which of the files that decide the method is not known: `translator`, `demonstrations`, or none ('')."""
+        return unknown_part(self.recorded)
 
     @property
-    def translates(self) -> bool:
-        """Whether it was learned from the translation reward."""
-        return self.recorded.get("reward") == "translation"
+    def tracks(self) -> bool:
+        """Whether the reward is computed with the translator."""
+        return self.recorded.get("reward") in TRACKED
 
 
 def read_runs(artifact: Artifact) -> list[Run]:
@@ -122,7 +123,7 @@ def read_runs(artifact: Artifact) -> list[Run]:
     Raises:
         ArtifactError: It is damaged, or does not say what its runs are.
     """
-    described = artifact.config["runs"]
+    described = checked_records(artifact)
     names = ("initial_distance", "final_distance_stochastic", "normalised_distance_stochastic", "normalised_distance")
     initial, final, noisy, calm = (artifact[name] for name in names)
     if not len(described) == len(initial) == len(final) == len(noisy) == len(calm):
@@ -137,9 +138,9 @@ def read_runs(artifact: Artifact) -> list[Run]:
             evaluation=artifact,
             index=k,
             policy=policies[k],
-            recorded=Config(artifact.path, run),
+            recorded=run,
             task=str(artifact.config["task"]),
-            method=str(run.get("method") or method_name(Config(artifact.path, run))),
+            method=method_name(run),
             threshold=threshold,
             initial_distance=float(initial[k].mean()),
             final_distance=float(final[k].mean()),

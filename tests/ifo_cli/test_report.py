@@ -75,7 +75,7 @@ def test_files_named_twice_count_once_and_runs_twice_there_are_said(run_ifo, eva
         ("wrong-kind", ["is a demos artifact, expected an evaluation"]),
         ("truncated", ["truncated or damaged"]),
         ("corrupt", ["damaged"]),
-        ("too-little-in-it", ["has no dataset", "lacks"]),
+        ("too-little-in-it", ["task: field required"]),
     ],
 )
 def test_bad_input_is_one_line_and_nothing_is_written(run_ifo, evaluation, make, tmp_path, fault, words):

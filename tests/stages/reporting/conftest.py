@@ -33,6 +33,12 @@ FLAGS = [
 ]
 
 
+def made_by(method):
+    """The options of learn-policy behind a method: `translation without img` or the name of a reward."""
+    reward, _, without = method.partition(" without ")
+    return {"reward": reward, **({"without": without.split(", ")} if without else {})}
+
+
 @pytest.fixture
 def evaluation(tmp_path):
     """A function that writes an evaluation whose runs leave given parts of the distance."""
@@ -69,7 +75,7 @@ def evaluation(tmp_path):
             method = methods[k % len(methods)]
             run = {
                 "policy": f"{name}-c{k}.policy.h5",
-                "reward": "oracle" if method == "oracle" else "translation",
+                **made_by(method),
                 "seed": first_seed,
                 "context_seed": k,
                 "translation_metrics": {"psnr": 30.5, "tau_expert": 0.75},
@@ -77,7 +83,7 @@ def evaluation(tmp_path):
                 "learning_minutes": 1.5,
             }
             if not old:
-                run |= {"method": method, "translator": {"steps": 9, "minutes": 20.0}}
+                run |= {"method": method, "translator": {"steps": 9, "minutes": 20.0}, "own_context": False}
             runs.append({**run, **fields})
         config = {"task": task, "runs": runs, **({} if old else {"success_threshold": threshold})}
         return write_artifact(

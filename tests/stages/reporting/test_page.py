@@ -109,7 +109,25 @@ def test_missing_videos_and_curves_are_said_to_be_missing(evaluation, make_repor
     assert "<video" not in page and "Learning curves</h2>" not in page
     assert re.search(r"Videos that are not there: \S*older.evaluation.mp4", page)
     assert re.search(r"Without learning curves, \D*\S*older.evaluation.h5", page)
-    assert "do not record how their translators were made" in page
+    assert re.search(r"Translator unknown, because files were missing .*older.evaluation.h5", page)
+
+
+def test_what_is_unknown_is_shown_as_unknown(evaluation, make_report, tmp_path):
+    evaluation("known", (0.1,), first_seed=1)
+    unknown = {"translator": None, "own_context": None}
+    evaluation("lost", (0.1,), **unknown)
+    evaluation("demos", (0.1,), own_context=None)
+    page = make_report(tmp_path)
+    markdown, rows = (tmp_path / "out" / "page.md").read_text(), (tmp_path / "out" / "page.csv").read_text()
+    for name in ("translation (translator unknown)", "translation (demonstrations unknown)"):
+        assert f"<td>{name}</td>" in page and f"| reach | {name} | 1 |" in markdown and f"reach,{name},0," in rows
+    # Nothing is compared with the paper's rate but what is known to be the paper's method.
+    assert markdown.count("| 0.85 |") == 1
+    minutes = {row["method"]: row["translator_minutes"] for row in csv.DictReader(rows.splitlines())}
+    assert minutes["translation"] == "20.0" and minutes["translation (translator unknown)"] == ""
+    assert "translator unknown, own_context unknown" in page and "False" not in page and "{}" not in page
+    assert re.search(r"Demonstrations unknown, because files .*demos\.evaluation\.h5", page)
+    assert re.search(r"Translator unknown, because files .*lost\.evaluation\.h5", page)
 
 
 def test_a_full_page_leaves_videos_out(family, make_report, monkeypatch):

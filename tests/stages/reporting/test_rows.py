@@ -41,8 +41,8 @@ def test_success_is_judged_by_the_evaluations_own_threshold(evaluation, runs_of)
 def test_older_evaluations_leave_threshold_and_method_to_others(evaluation, runs_of):
     runs = runs_of(evaluation(left=(0.52, 0.58), task="sweep", old=True))
     assert [run.success for run in runs] == [True, False]
-    assert {run.method for run in runs} == {"translation"}
-    assert not any(run.samples_curve.size or run.method_is_certain for run in runs)
+    assert {run.method for run in runs} == {"translation (translator unknown)"}
+    assert {run.unknown for run in runs} == {"translator"} and not any(run.samples_curve.size for run in runs)
 
 
 def test_tasks_and_methods_have_one_order(evaluation, runs_of):
@@ -116,7 +116,8 @@ def test_older_evaluations_that_differ_in_their_policies_alone_are_told_apart(ev
     whole = evaluation("whole", (0.1,), old=True, parents=[policy(tmp_path, "whole", 1)])
     random = evaluation("random", (0.9,), old=True, parents=[policy(tmp_path, "random", 2)])
     kept, duplicates = count_once(runs_of(whole, random))
-    assert [run.method for run in kept] == ["translation (whole)", "translation (random)"] and not duplicates
+    unknown = "translation (translator unknown)"
+    assert [run.method for run in kept] == [f"{unknown} (whole)", f"{unknown} (random)"] and not duplicates
     assert [item.paper for item in summarise(kept)] == [None, None]
 
 
