@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from html import escape
+from dataclasses import dataclass
 from typing import Any
 
 from artifacts import Ancestor, Artifact, ancestors, sha256_of
@@ -20,52 +20,81 @@ STATES = {
 }
 
 
-def lineage(artifact: Artifact, name: str, runs: Sequence[Run], duplicates: Sequence[Duplicate]) -> str:
-    """A collapsible section on an evaluation: itself, and each of its runs down to command and seed.
+@dataclass(frozen=True)
+class AncestorEntry:
+    """A file that a run was made from; `gone` says what has become of it, and is empty if it is there."""
+
+    kind: str
+    path: str
+    gone: str
+    facts: dict[str, str]
+
+
+@dataclass(frozen=True)
+class RunEntry:
+    """A run: a line on how it ended, what is known of it, and the files behind it; no files: none are recorded."""
+
+    heading: str
+    facts: dict[str, str]
+    chain: list[AncestorEntry]
+
+
+@dataclass(frozen=True)
+class Lineage:
+    """A section of the page on one evaluation. The texts are not escaped.
+
+    Attributes:
+        anchor: Its id on the page.
+        file: Name of the evaluation's file.
+        about: Task, methods, number of runs.
+        facts: What is known of the file.
+        runs: Its runs that count.
+        notes: One line for each run that counts elsewhere.
+    """
+
+    anchor: str
+    file: str
+    about: str
+    facts: dict[str, str]
+    runs: list[RunEntry]
+    notes: list[str]
+
+
+def lineage(artifact: Artifact, anchor: str, runs: Sequence[Run], duplicates: Sequence[Duplicate]) -> Lineage:
+    """What is known of an evaluation, and of each of its runs down to command and seed.
 
     Args:
         artifact: The evaluation.
-        name: Anchor of the section.
+        anchor: Id of the section.
         runs: Its runs that count.
         duplicates: Its runs that count elsewhere.
     """
     whole = [*runs, *(item.run for item in duplicates)]
     methods = ", ".join(dict.fromkeys(run.method for run in whole))
-    about = f"{artifact.config['task']}: {methods}: {len(whole)} run{'s' * (len(whole) != 1)}"
-    heading = f"<b>{escape(artifact.path.name)}</b>: {escape(about)}"
     environment = ", ".join(f"{key} {value}" for key, value in artifact.manifest.environment.items() if value)
-    itself = {
-        "file": str(artifact.path),
-        "sha256": sha256_of(artifact.path),
-        **_origin(artifact),
-        "environment": environment,
-    }
-    parts = [f'<details id="{escape(name)}"><summary>{heading}</summary>', _facts(itself)]
-    parts += [_run_section(run) for run in runs]
-    parts += [
-        f"<p>{escape(item.run.name)} counts once, as a run of {escape(str(item.kept.evaluation.path))}.</p>"
-        for item in duplicates
-    ]
-    return "\n".join([*parts, "</details>"])
+    return Lineage(
+        anchor,
+        artifact.path.name,
+        f"{artifact.config['task']}: {methods}: {len(whole)} run{'s' * (len(whole) != 1)}",
+        {
+            "file": str(artifact.path),
+            "sha256": sha256_of(artifact.path),
+            **_origin(artifact),
+            "environment": environment,
+        },
+        [_run_entry(run) for run in runs],
+        [f"{item.run.name} counts once, as a run of {item.kept.evaluation.path}." for item in duplicates],
+    )
 
 
-def _run_section(run: Run) -> str:
+def _run_entry(run: Run) -> RunEntry:
     verdict = "succeeds" if run.success else "fails"
     heading = (
-        f"{escape(run.name)}: {escape(run.method)}, context {run.recorded['context_seed']}, "
-        f"seed {run.recorded['seed']}: {run.normalised_distance:.3f} of the distance left, {verdict}"
+        f"{run.name}: {run.method}, context {run.recorded['context_seed']}, seed {run.recorded['seed']}: "
+        f"{run.normalised_distance:.3f} of the distance left, {verdict}"
     )
     chain = [] if run.policy is None else list(ancestors(run.evaluation, [run.policy], check=True))
-    made_from = "".join(_ancestor(item) for item in chain) or "<p>The evaluation records no policy file.</p>"
-    return "\n".join(
-        [
-            f"<details><summary>{heading}</summary>",
-            _facts(_figures(run)),
-            "<h4>Made from</h4>",
-            f'<ol class="chain">{made_from}</ol>' if chain else made_from,
-            "</details>",
-        ]
-    )
+    return RunEntry(heading, _figures(run), [_ancestor_entry(item) for item in chain])
 
 
 def _figures(run: Run) -> dict[str, str]:
@@ -84,12 +113,11 @@ def _figures(run: Run) -> dict[str, str]:
     }
 
 
-def _ancestor(item: Ancestor) -> str:
-    head = f"<li><b>{escape(item.parent.kind)}</b> <code>{escape(str(item.path))}</code>"
-    known = {"digest": item.parent.digest}
+def _ancestor_entry(item: Ancestor) -> AncestorEntry:
+    facts = {"digest": item.parent.digest}
     if item.artifact is None:
-        return f'{head} <span class="gone">{STATES[item.state]}</span>{_facts(known)}</li>'
-    return f"{head}{_facts({**known, **_origin(item.artifact)})}</li>"
+        return AncestorEntry(item.parent.kind, str(item.path), STATES[item.state], facts)
+    return AncestorEntry(item.parent.kind, str(item.path), "", {**facts, **_origin(item.artifact)})
 
 
 def _origin(artifact: Artifact) -> dict[str, str]:
@@ -100,15 +128,6 @@ def _origin(artifact: Artifact) -> dict[str, str]:
         "created": manifest.created,
         "ifo version": manifest.ifo_version,
     }
-
-
-def _facts(facts: dict[str, str]) -> str:
-    coded = ("file", "sha256", "digest", "command")
-    lines = []
-    for name, value in facts.items():
-        text = escape(value)
-        lines.append(f"<dt>{escape(name)}</dt><dd>{f'<code>{text}</code>' if name in coded else text}</dd>")
-    return f"<dl>{''.join(lines)}</dl>"
 
 
 def _value(value: Any) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,6 +42,7 @@ COLUMNS = (
     "learning_minutes",
     *METRICS,
 )
+FORMULA = ("=", "+", "-", "@")  # how a formula of a spreadsheet starts
 
 
 @dataclass(frozen=True)
@@ -196,9 +197,19 @@ def row(run: Run) -> dict[str, object]:
 
 
 def as_csv(runs: Sequence[Run]) -> str:
-    """One row a run, under `COLUMNS`."""
+    """One row per run, under `COLUMNS`."""
+    return csv_text(COLUMNS, map(row, runs))
+
+
+def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> str:
+    """A table as CSV; no text in it is a formula to a spreadsheet."""
     text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, COLUMNS)
+    writer = csv.DictWriter(text, columns)
     writer.writeheader()
-    writer.writerows(row(run) for run in runs)
+    writer.writerows({name: _harmless(value) for name, value in each.items()} for each in rows)
     return text.getvalue()
+
+
+def _harmless(value: object) -> object:
+    """A cell's value; a text that a spreadsheet would compute gets an apostrophe, which keeps it a text."""
+    return f"'{value}" if isinstance(value, str) and value.lstrip().startswith(FORMULA) else value

@@ -1,4 +1,4 @@
-"""Tables, as HTML and as Markdown."""
+"""Tables, and their Markdown; the page's template makes HTML of them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from html import escape
 from stages.reporting.summary import Summary
 
 UNKNOWN = "\N{EN DASH}"
-WORDS = ("task", "method")  # columns of words; the others are figures
+WORDS = ("task", "method")
 SUMMARY_HEADS = (
     *WORDS,
     "runs",
@@ -30,15 +30,10 @@ class Table:
     heads: tuple[str, ...]
     rows: list[tuple[str, ...]]
 
-    def html(self) -> str:
-        """A <table>, its texts escaped; figures are set to the right."""
-        heads = "".join(_cell("th", head, head) for head in self.heads)
-        rows = [
-            "<tr>" + "".join(_cell("td", head, text) for head, text in zip(self.heads, row, strict=True)) + "</tr>"
-            for row in self.rows
-        ]
-        body = "\n".join(rows)
-        return f'<div class="wide"><table>\n<thead><tr>{heads}</tr></thead>\n<tbody>\n{body}\n</tbody>\n</table></div>'
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Heads of the columns of words; the others hold figures, which are aligned to the right."""
+        return WORDS
 
     def markdown(self) -> str:
         """A table of Markdown, in which no text breaks out of its cell."""
@@ -54,8 +49,9 @@ def summary_table(summaries: Sequence[Summary]) -> Table:
 
 
 def in_markdown(text: str) -> str:
-    """A text on one line, of which Markdown makes neither HTML nor a cell's end."""
-    return escape(" ".join(text.split()), quote=False).replace("|", "\\|")
+    """A text on one line, of which Markdown makes no HTML, no link, and no end of a cell."""
+    plain = escape(" ".join(text.split()), quote=False).replace("\\", "\\\\")
+    return plain.replace("](", "]\\(").replace("|", "\\|")
 
 
 def _summary_row(item: Summary) -> tuple[str, ...]:
@@ -79,8 +75,3 @@ def _summary_row(item: Summary) -> tuple[str, ...]:
 
 def _known(value: float | None, form: str) -> str:
     return UNKNOWN if value is None else format(value, form)
-
-
-def _cell(tag: str, head: str, text: str) -> str:
-    kind = "" if head in WORDS else ' class="figure"'
-    return f"<{tag}{kind}>{escape(text)}</{tag}>"

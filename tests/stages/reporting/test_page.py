@@ -5,13 +5,16 @@ from __future__ import annotations
 import csv
 import html
 import re
+from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 
-from artifacts import UsageError, read_png, sibling, write_artifact, write_mp4
+from artifacts import ArtifactError, UsageError, read_artifact, read_png, sibling, write_artifact, write_mp4
 from stages.report import report
 from stages.reporting import videos
+from stages.reporting.rows import read_runs
+from stages.reporting.tables import in_markdown
 from stages.runtime.progress import Progress
 
 MOVING = np.random.default_rng(0).integers(0, 255, (8, 24, 24, 3), dtype=np.uint8)
@@ -75,6 +78,109 @@ def test_texts_are_escaped(evaluation, make_report, tmp_path):
     assert "<script" not in page and html.escape(nasty) in page
     markdown = (tmp_path / "out" / "page.md").read_text()
     assert "<script" not in markdown and "# &lt;script&gt;alert(1)&lt;/script&gt; &amp; \\| $x$" in markdown
+
+
+HOSTILE = """<script>alert("1")</script><b a='>"""
+
+
+class Tags(HTMLParser):
+    """The tags of a page, and the texts between them."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.tags, self.texts = set(), []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.add(tag)
+
+    def handle_data(self, text):
+        self.texts.append(text)
+
+
+def leaves(value, path=()):
+    """Paths of all strings, numbers, truth values and None in nested dictionaries and lists."""
+    if isinstance(value, dict):
+        return [leaf for key, item in value.items() for leaf in leaves(item, (*path, key))]
+    if isinstance(value, list):
+        return [leaf for key, item in enumerate(value) for leaf in leaves(item, (*path, key))]
+    return [path]
+
+
+def replaced(value, path):
+    """A copy in which the leaf at `path` is hostile."""
+    if not path:
+        return HOSTILE
+    copied = value.copy()
+    copied[path[0]] = replaced(value[path[0]], path[1:])
+    return copied
+
+
+def test_no_field_of_an_evaluation_reaches_the_page_as_html(evaluation, make_report, tmp_path):
+    options = {"without": ["img"], "vary": "", "blur": 4.0, "starts": None, "learner": "trpo"}
+    artifact = read_artifact(evaluation("it's <b>", (0.1,), curves=False, **options), "evaluation")
+    whole = {**artifact.config, "episodes": 4, "preset": "toy"}
+    names = artifact.names()
+
+    def write(config):
+        arrays = {name: read_artifact(artifact.path)[name] for name in names}
+        environment = {HOSTILE: HOSTILE}
+        write_artifact(
+            artifact.path, "evaluation", arrays, config=config, seed=0, command=HOSTILE, environment=environment
+        )
+        return artifact.path
+
+    config, refused = whole, set()
+    found = leaves(whole)
+    assert ("runs", 0, "context_seed") in found and ("runs", 0, "translator", "minutes") in found and len(found) > 20
+    for path in found:
+        hostile = replaced(config, path)
+        try:
+            read_runs(read_artifact(write(hostile)))
+        except ArtifactError as error:
+            assert "\n" not in str(error) and ".".join(map(str, path)) in str(error)
+            refused.add(path[-1])
+        else:
+            config = hostile
+    # What tables and plots compute with must be numbers; all the rest may be any text.
+    numbers = {"seed", "context_seed", "samples", "learning_minutes", "minutes", "steps", "psnr", "tau_expert"}
+    assert refused == numbers | {"success_threshold", "own_context"}
+    config["runs"][0][HOSTILE] = config["runs"][0]["translation_metrics"][HOSTILE] = 0.5
+    page = make_report(write(config), title=HOSTILE)
+    tags = Tags(page)
+    allowed = "html head meta title style body h1 h2 h4 p div table thead tbody tr th td figure img figcaption ul li"
+    assert tags.tags == {*allowed.split(), "details", "summary", "b", "dl", "dt", "dd", "code"}
+    for text in (f"{HOSTILE}: {HOSTILE}", f"learner {HOSTILE}", f"{HOSTILE} 0.5"):
+        assert any(text in found for found in tags.texts), text
+    assert "<script" not in (tmp_path / "out" / "page.md").read_text()
+
+
+@pytest.mark.parametrize("start", ["=", "+", "-", "@", "\t=", " ="])
+def test_no_cell_of_the_csv_is_a_formula(evaluation, make_report, tmp_path, start):
+    nasty = f"{start}cmd|' /C calc'!A0"
+    make_report(evaluation(left=(0.1,), task=nasty, methods=(nasty,)))
+    [row] = csv.DictReader((tmp_path / "out" / "page.csv").open(newline=""))
+    assert row["task"] == f"'{nasty}" and row["method"] == f"'{nasty}"
+
+
+def test_negative_numbers_of_the_csv_stay_numbers(evaluation, make_report, tmp_path):
+    make_report(evaluation(left=(0.1,), translation_metrics={"tau_random": -0.5}))
+    [row] = csv.DictReader((tmp_path / "out" / "page.csv").open(newline=""))
+    assert row["tau_random"] == "-0.5" and row["task"] == "reach"
+
+
+@pytest.mark.parametrize(
+    ("text", "escaped"),
+    [
+        ("a|b", "a\\|b"),
+        ("a\\|b", "a\\\\\\|b"),
+        ("![x](http://y)", "![x]\\(http://y)"),
+        ("a\n# b", "a # b"),
+        ("<b>", "&lt;b&gt;"),
+    ],
+)
+def test_no_text_breaks_out_of_its_cell_in_markdown(text, escaped):
+    assert in_markdown(text) == escaped
 
 
 def test_lineage_goes_down_to_command_and_seed(family, make_report):
