@@ -10,17 +10,16 @@ made again; the tables are of all evaluations in results/crf.
 from __future__ import annotations
 
 import argparse
-import csv
 import os
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
-from commands import ifo
+from commands import ifo, runs_of
 from real import TRANSLATOR
 
-from artifacts import read_artifact, stem_of
-from stages.reporting.rows import COLUMNS, Run, read_runs, row
+from artifacts import ancestors, stem_of
+from stages.reporting.rows import COLUMNS, Run, csv_text, row
 from stages.simulation.gl import choose_backend
 
 HERE = Path(os.path.relpath(Path(__file__).parent))
@@ -51,6 +50,19 @@ def learn(footage: str, translator: Path, seed: int) -> Path:
     return ifo("evaluate", policy, "--workers", 1, out=EVALUATIONS / f"{stem_of(policy)}.evaluation.h5")
 
 
+def held_out_psnr(runs: list[Run]) -> str:
+    """Of the translator that all runs learned from; a dash if it is not there any more, or another has its name."""
+    found = {
+        item.parent.sha256: item.artifact
+        for run in runs
+        if run.policy is not None
+        for item in ancestors(run.evaluation, [run.policy], check=True)
+        if item.parent.kind == "translator"
+    }
+    [translator] = found.values() if len(found) == 1 else [None]
+    return "-" if translator is None else f"{translator['curve/held_out/psnr'][-1]:.1f}"
+
+
 def markdown(cells: dict[str, list[Run]]) -> str:
     """The table of cells."""
     contexts = range(max(len(runs) for runs in cells.values()))
@@ -63,9 +75,8 @@ def markdown(cells: dict[str, list[Run]]) -> str:
     ]
     for footage, runs in cells.items():
         left = [run.normalised_distance for run in runs]
-        psnr = read_artifact(RUNS / f"{footage}.translator.h5", "translator")["curve/held_out/psnr"][-1]
         numbers = (
-            f"{psnr:.1f}",
+            held_out_psnr(runs),
             f"{np.mean([run.success for run in runs]):.2f}",
             *(f"{x:.2f}" for x in (np.mean(left), *left)),
         )
@@ -87,19 +98,11 @@ def main() -> None:
         jobs = [(footage, translators[footage], seed) for seed in range(CONTEXTS) for footage in FOOTAGE]
         list(pool.map(lambda job: learn(*job), jobs))
     cells = {
-        footage: [
-            run
-            for path in sorted(EVALUATIONS.glob(f"{footage}-c*.evaluation.h5"))
-            for run in read_runs(read_artifact(path, "evaluation"))
-        ]
+        footage: [run for path in sorted(EVALUATIONS.glob(f"{footage}-c*.evaluation.h5")) for run in runs_of(path)]
         for footage in FOOTAGE
     }
-    with (HERE / "crf.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, ("footage", *COLUMNS))
-        writer.writeheader()
-        for footage, runs in cells.items():
-            for run in runs:
-                writer.writerow({"footage": FOOTAGE[footage], **row(run)})
+    rows = [{"footage": FOOTAGE[footage], **row(run)} for footage, runs in cells.items() for run in runs]
+    (HERE / "crf.csv").write_text(csv_text(("footage", *COLUMNS), rows), encoding="utf-8", newline="")
     (HERE / "crf.md").write_text(markdown(cells), encoding="utf-8")
 
 

@@ -16,13 +16,13 @@ import shutil
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from commands import ifo
-from plan import COLUMNS, EXPERTS, HERE, PLANS, RUNS, TRANSLATOR_COLUMNS
+from commands import ifo, runs_of
+from plan import EXPERTS, HERE, PLANS, RUNS, TRANSLATOR_COLUMNS
 from report import grid, minutes, plot, report
 
 from artifacts import Artifact, read_artifact
+from stages.reporting.rows import COLUMNS, csv_text, row
 from stages.simulation.gl import choose_backend
-from stages.simulation.registry import make_task
 
 
 def train(task: str) -> Path:
@@ -64,34 +64,9 @@ def evaluate(task: str, method: str) -> Path | None:
     return ifo("evaluate", *policies, out=out)
 
 
-def rows(task: str, method: str, evaluation: Path, translator_minutes: float) -> list[dict[str, object]]:
-    """One row a run, from the evaluation artifact."""
-    artifact = read_artifact(evaluation, "evaluation")
-    threshold = make_task(task).success_threshold
-    made = []
-    for k, run in enumerate(artifact.config["runs"]):
-        if run["context_seed"] >= PLANS[task].contexts:
-            continue
-        stochastic, calm = artifact["normalised_distance_stochastic"][k], artifact["normalised_distance"][k]
-        metrics = {} if method == "oracle" else run["translation_metrics"]
-        made.append(
-            {
-                "task": task,
-                "method": method,
-                "context_seed": run["context_seed"],
-                "initial_distance": round(float(artifact["initial_distance"][k].mean()), 4),
-                "final_distance": round(float(artifact["final_distance_stochastic"][k].mean()), 4),
-                "normalised_distance": round(float(stochastic.mean()), 4),
-                "success_paper": int(stochastic.mean() < threshold),
-                "normalised_distance_deterministic": round(float(calm.mean()), 4),
-                "success_deterministic": round(float((calm < threshold).mean()), 3),
-                "samples": run["samples"],
-                "translator_minutes": round(translator_minutes, 1) if method == "translation" else "",
-                "learning_minutes": round(run["learning_minutes"], 2),
-                **{name: round(metrics[name], 3) for name in COLUMNS[12:] if name in metrics},
-            }
-        )
-    return made
+def rows(task: str, evaluation: Path) -> list[dict[str, object]]:
+    """One row per run in a context of the plan, as `ifo report` writes them."""
+    return [row(run) for run in runs_of(evaluation) if run.recorded["context_seed"] < PLANS[task].contexts]
 
 
 def translator_row(task: str, translator: Artifact) -> dict[str, object]:
@@ -113,10 +88,7 @@ def kept(path: Path, tasks: list[str]) -> list[dict[str, object]]:
 def write(path: Path, columns: tuple[str, ...], table: list[dict[str, object]]) -> list[dict[str, object]]:
     """Write a table, its tasks in the order of PLANS; returns it so ordered."""
     table = sorted(table, key=lambda row: list(PLANS).index(str(row["task"])))
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, columns)
-        writer.writeheader()
-        writer.writerows(table)
+    path.write_text(csv_text(columns, table), encoding="utf-8", newline="")
     return table
 
 
@@ -147,7 +119,7 @@ def main() -> None:
         for method in ("translation", "random", "oracle"):
             made = evaluation if method == "translation" else evaluate(task, method)
             if made is not None:
-                table += rows(task, method, made, minutes(translators[task]))
+                table += rows(task, made)
         grid(task)
         shutil.copy(RUNS / f"{task}-c0.translation.png", HERE / f"paper-{task}-reward.png")
     fresh = list(translators)

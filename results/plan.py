@@ -6,8 +6,6 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from stages.reporting.rows import COLUMNS as COLUMNS  # one row a run, as `ifo report` writes them
-
 HERE = Path(os.path.relpath(Path(__file__).parent))
 EXPERTS, RUNS = Path("runs/tasks"), Path("runs/paper")
 SHOWN = 4  # contexts in a task's MP4 grid
@@ -19,20 +17,18 @@ class Plan:
 
     Attributes:
         contexts: Unseen contexts, one learning run each.
-        paper: The paper's success rate (method, oracle).
         random: Contexts in which the reward of a translator of random weights is learned from, too.
     """
 
     contexts: int
-    paper: tuple[float, float]
     random: int = 0
 
 
 PLANS = {
-    "reach": Plan(10, (0.85, 0.90), random=5),
-    "push": Plan(10, (0.85, 0.90)),
-    "sweep": Plan(5, (1.0, 1.0)),
-    "strike": Plan(10, (0.95, 1.0)),
+    "reach": Plan(10, random=5),
+    "push": Plan(10),
+    "sweep": Plan(5),
+    "strike": Plan(10),
 }
 NAMES = {"translation": "translation", "random": "translator of random weights", "oracle": "oracle"}
 # What is known before learning -> 1 where more is better, else -1.

@@ -13,7 +13,6 @@ Finished artifacts, in runs/real, are not made again; the tables are of all eval
 from __future__ import annotations
 
 import argparse
-import csv
 import os
 from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
@@ -21,12 +20,14 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from commands import ifo
+from commands import ifo, runs_of
 
-from artifacts import read_artifact, stem_of
+from artifacts import stem_of
 from stages.config.stages import HOUSEHOLD
 from stages.reporting.intervals import wilson
-from stages.reporting.rows import COLUMNS, Run, read_runs, row
+from stages.reporting.names import marked
+from stages.reporting.paper import ROBOT
+from stages.reporting.rows import COLUMNS, Run, csv_text, row
 from stages.simulation.gl import choose_backend
 
 HERE = Path(os.path.relpath(Path(__file__).parent))
@@ -57,13 +58,6 @@ MEANINGS = {
     "pretrained": "features of a network that was trained on ImageNet, not translated",
     "joints": "the joint angles of one demonstration",
     "oracle": "the true state",
-}
-# The paper's robot: its method, pretrained features, joint angles. Success of push, mean fraction of the others.
-PAPER = {
-    "push-real": (0.96, 0.25, 0.0),
-    "sweep-paper": (1.0, 0.0, 1.0),
-    "sweep-almonds": (0.747, 0.621, 0.673),
-    "ladle-almonds": (0.6625, 0.175, 0.106),
 }
 
 
@@ -129,8 +123,9 @@ def markdown(cells: dict[tuple[str, str], list[Run]]) -> str:
         fraction = np.mean([1 - run.normalised_distance for run in runs])
         minutes = np.mean([run.recorded["learning_minutes"] for run in runs])
         episodes = np.mean([run.recorded["iterations"] * run.recorded["episodes"] for run in runs])
-        ours, pretrained, joints = PAPER[task]
-        paper = {"pretrained": pretrained, "joints": joints, "oracle": None}.get(method, ours)
+        # What is learned from a translation, in whatever way, stands beside the paper's method.
+        reward = runs[0].recorded["reward"]
+        paper = None if any(run.unknown for run in runs) else ROBOT.get((task, reward))
         lines.append(
             f"| {task} | {method} | {len(runs)} | {rate:.2f} [{low:.2f}, {high:.2f}] | {fraction:.2f} | {episodes:.0f} "
             f"| {minutes:.1f} | {'-' if paper is None else f'{paper:.2f}'} |"
@@ -175,13 +170,14 @@ def main() -> None:
     cells: dict[tuple[str, str], list[Run]] = defaultdict(list)
     for task, method in ((task, method) for task in HOUSEHOLD for method in METHODS):
         for path in sorted(EVALUATIONS.glob(f"{task}-{method}-c*.evaluation.h5")):
-            cells[task, method] += read_runs(read_artifact(path, "evaluation"))
-    with (HERE / "real.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, (*COLUMNS, "fraction"))
-        writer.writeheader()
-        for (_, method), runs in cells.items():
-            for run in runs:
-                writer.writerow({**row(run), "method": method, "fraction": round(1 - run.normalised_distance, 4)})
+            for run in runs_of(path, METHODS[method]):
+                cells[task, marked(method, run.recorded)].append(run)
+    rows = [
+        {**row(run), "method": method, "fraction": round(1 - run.normalised_distance, 4)}
+        for (_, method), runs in cells.items()
+        for run in runs
+    ]
+    (HERE / "real.csv").write_text(csv_text((*COLUMNS, "fraction"), rows), encoding="utf-8", newline="")
     (HERE / "real.md").write_text(markdown(cells), encoding="utf-8")
 
 

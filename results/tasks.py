@@ -9,7 +9,6 @@ and learns from the oracle in ten unseen paper contexts. Finished artifacts, in 
 from __future__ import annotations
 
 import argparse
-import csv
 import io
 import os
 import shutil
@@ -17,10 +16,11 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
-from commands import ifo
+from commands import ifo, runs_of
 
 from artifacts import read_artifact
 from stages.config.stages import TASKS
+from stages.reporting.rows import csv_text, row
 from stages.simulation.gl import choose_backend
 from stages.simulation.registry import make_task
 from stages.train_expert import CONSISTENT_SPREAD
@@ -29,6 +29,10 @@ HERE = Path(os.path.relpath(Path(__file__).parent))
 RUNS = Path("runs/tasks")
 CONTEXTS = range(10)
 DEMOS = 3000
+ORACLE_COLUMNS = (
+    *("task", "method", "context_seed", "contexts", "normalised_distance", "success_paper"),
+    *("normalised_distance_deterministic", "success_deterministic", "samples", "minutes"),
+)
 
 
 def learn(task: str, seed: int, translator: Path) -> Path:
@@ -59,28 +63,12 @@ def expert_row(task: str, path: Path) -> dict[str, object]:
     }
 
 
-def oracle_rows(task: str, path: Path) -> list[dict[str, object]]:
-    """One row a run, from the evaluation artifact."""
-    artifact = read_artifact(path, "evaluation")
-    threshold = make_task(task).success_threshold
+def oracle_rows(path: Path) -> list[dict[str, object]]:
+    """One row per run, from the evaluation artifact."""
     rows = []
-    for k, run in enumerate(artifact.config["runs"]):
-        stochastic = float(artifact["normalised_distance_stochastic"][k].mean())
-        calm = artifact["normalised_distance"][k]
-        rows.append(
-            {
-                "task": task,
-                "method": "oracle",
-                "context_seed": run["context_seed"],
-                "contexts": 1,
-                "normalised_distance": round(stochastic, 4),
-                "success_paper": int(stochastic < threshold),
-                "normalised_distance_deterministic": round(float(calm.mean()), 4),
-                "success_deterministic": round(float((calm < threshold).mean()), 3),
-                "samples": run["samples"],
-                "minutes": round(run["learning_minutes"], 2),
-            }
-        )
+    for run in runs_of(path, ("--reward", "oracle")):
+        known = {**row(run), "contexts": 1, "minutes": row(run)["learning_minutes"]}
+        rows.append({name: known[name] for name in ORACLE_COLUMNS})
     return rows
 
 
@@ -123,13 +111,10 @@ def main() -> None:
             policies[task] = list(pool.map(lambda seed, t=task, b=blank: learn(t, seed, b), CONTEXTS))
         evaluation = HERE / f"oracle-{task}.evaluation.h5"
         evaluation.unlink(missing_ok=True)
-        table += oracle_rows(task, ifo("evaluate", *policies[task], out=evaluation))
+        table += oracle_rows(ifo("evaluate", *policies[task], out=evaluation))
     plot(experts)
     columns = list(dict.fromkeys(name for row in table for name in row))
-    with (HERE / "tasks.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, columns)
-        writer.writeheader()
-        writer.writerows(table)
+    (HERE / "tasks.csv").write_text(csv_text(columns, table), encoding="utf-8", newline="")
 
 
 if __name__ == "__main__":

@@ -17,12 +17,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from commands import ifo
-from paper import rows
-from plan import COLUMNS, EXPERTS, RUNS
-from report import minutes
+from commands import ifo, runs_of
+from plan import EXPERTS, RUNS
 
-from artifacts import read_artifact
+from stages.reporting.names import marked
+from stages.reporting.rows import COLUMNS, csv_text, row
 from stages.simulation.gl import choose_backend
 
 HERE = Path(os.path.relpath(Path(__file__).parent))
@@ -105,16 +104,12 @@ def main() -> None:
         evaluation = VARIANTS / f"{task}-{name}.evaluation.h5"
         evaluation.unlink(missing_ok=True)
         ifo("evaluate", *policies, out=evaluation)
-        trained = read_artifact(policies[0], "policy").parent("translation").parent("translator")
-        for row in rows(task, "translation", evaluation, minutes(trained)):
+        for run in runs_of(evaluation, PLAN[name].learn):
             # What `ifo translate` said of the reward, it said of the one without these options.
-            kept = {key: value for key, value in row.items() if not (PLAN[name].learn and key.startswith("tau_"))}
-            table.append({**kept, "method": name})
+            kept = {key: value for key, value in row(run).items() if not (PLAN[name].learn and key.startswith("tau_"))}
+            table.append({**kept, "method": marked(name, run.recorded)})
     table.sort(key=lambda row: TASKS.index(str(row["task"])))
-    with (HERE / "variants.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS)
-        writer.writeheader()
-        writer.writerows(table)
+    (HERE / "variants.csv").write_text(csv_text(COLUMNS, table), encoding="utf-8", newline="")
 
 
 if __name__ == "__main__":

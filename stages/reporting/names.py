@@ -25,6 +25,11 @@ def method_name(run: Mapping[str, Any]) -> str:
     name = _tracking_name(run) if run["reward"] in TRACKED else str(run["reward"])
     if needs_demonstrations(run) and own_context(run):
         name += f", {OWN_CONTEXT}"
+    return marked(name, run)
+
+
+def marked(name: str, run: Mapping[str, Any]) -> str:
+    """A name given to a run's method, with what is unknown of the run behind it."""
     unknown = unknown_part(run)
     return f"{name} ({unknown} unknown)" if unknown else name
 

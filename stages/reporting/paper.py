@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-# (task, method as `stages.reporting.methods` names it) -> success rate.
+# (task, method as `stages.reporting.names` names it) -> success rate.
 SUCCESS = {
     ("reach", "oracle"): 0.90,
     ("reach", "translation"): 0.85,
@@ -32,4 +32,19 @@ SUCCESS = {
     ("reach", "translation without rec, align"): 0.55,
     ("push", "translation without feat"): 0.60,
     ("push", "translation without img"): 0.40,
+}
+# Its robot (Section VI.D): (task, method) -> success rate of push-real, mean fraction that is done of the other tasks.
+ROBOT = {
+    ("push-real", "translation"): 0.96,
+    ("push-real", "pretrained"): 0.25,
+    ("push-real", "joints"): 0.0,
+    ("sweep-paper", "translation"): 1.0,
+    ("sweep-paper", "pretrained"): 0.0,
+    ("sweep-paper", "joints"): 1.0,
+    ("sweep-almonds", "translation"): 0.747,
+    ("sweep-almonds", "pretrained"): 0.621,
+    ("sweep-almonds", "joints"): 0.673,
+    ("ladle-almonds", "translation"): 0.6625,
+    ("ladle-almonds", "pretrained"): 0.175,
+    ("ladle-almonds", "joints"): 0.106,
 }

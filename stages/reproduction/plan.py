@@ -8,48 +8,98 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from stages.config.stages import TASKS
+from stages.reporting.names import method_name, short_name
 
 WHOLE, BLANK, OWN = "whole", "blank", "own"
 
 
 @dataclass(frozen=True)
 class Method:
-    """How the runs of a method are made.
+    """How the runs of a method are made, and, by `stages.reporting.names`, what they are called.
 
     Attributes:
         help: What it is, for people.
-        translator: Which translator stands behind them: `whole`; `blank`, whose weights stay random, where the reward
-            needs none; `own`, a blank one behind demonstrations in the learner's own context; or, by another name, one
-            that is trained with `train`.
-        train: Options of train-translator.
-        learn: Options of learn-policy.
+        reward: Of learn-policy.
+        without: Terms of the reward that are left out.
+        losses_off: Losses of the translator that are switched off.
+        trained: Whether the translator behind the reward is trained.
+        own_context: Whether the demonstrations are recorded in the learner's context.
+        more: Further options of learn-policy.
+        named: Its name, where that does not follow from the above.
     """
 
     help: str
-    translator: str = WHOLE
-    train: tuple[str, ...] = ()
-    learn: tuple[str, ...] = ()
+    reward: str = "translation"
+    without: tuple[str, ...] = ()
+    losses_off: tuple[str, ...] = ()
+    trained: bool = True
+    own_context: bool = False
+    more: tuple[str, ...] = ()
+    named: str = ""
+
+    @property
+    def label(self) -> str:
+        """What the report calls it."""
+        steps = 1 if self.trained else 0
+        return method_name(
+            {
+                "reward": self.reward,
+                "without": self.without,
+                "own_context": self.own_context,
+                "translator": {"steps": steps, "without": self.losses_off},
+            }
+        )
+
+    @property
+    def name(self) -> str:
+        """What file names and the command line call it."""
+        return self.named or short_name(self.label)
+
+    @property
+    def translator(self) -> str:
+        """Which translator stands behind the runs.
+
+        `whole`; `blank`, of random weights, where the reward needs none; `own`, a blank one behind demonstrations in
+        the learner's own context; or one of its own, by the method's name.
+        """
+        if self.own_context:
+            return OWN
+        if self.losses_off:
+            return self.name
+        return WHOLE if self.trained and self.reward == "translation" else BLANK
+
+    @property
+    def train(self) -> tuple[str, ...]:
+        """Options of train-translator."""
+        return tuple(word for loss in self.losses_off for word in ("--without", loss))
+
+    @property
+    def learn(self) -> tuple[str, ...]:
+        """Options of learn-policy."""
+        reward = () if self.reward == "translation" else ("--reward", self.reward)
+        return (*reward, *(word for term in self.without for word in ("--without", term)), *self.more)
 
 
 METHODS: dict[str, Method] = {
-    "oracle": Method("the true distance as reward", BLANK, learn=("--reward", "oracle")),
-    "translation": Method("the paper's method"),
-    "pretrained": Method("features of an ImageNet network, untranslated", BLANK, learn=("--reward", "pretrained")),
-    "tpil": Method("third-person imitation", BLANK, learn=("--reward", "tpil")),
-    "gail": Method("GAIL on images", BLANK, learn=("--reward", "gail")),
-    "joints": Method("joint angles of one demonstration in another context", BLANK, learn=("--reward", "joints")),
-    "tpil-own": Method("TPIL, demonstrations in the learner's own context", OWN, learn=("--reward", "tpil")),
-    "gail-own": Method("GAIL, demonstrations in the learner's own context", OWN, learn=("--reward", "gail")),
-    "random": Method("a translator of random weights", BLANK),
-    "without-feat": Method("no R_feat", learn=("--without", "feat")),
-    "without-img": Method("no R_img", learn=("--without", "img")),
-    "without-trans": Method("no L_trans", "without-trans", train=("--without", "trans")),
-    "without-rec": Method("no L_rec", "without-rec", train=("--without", "rec")),
-    "without-align": Method("no L_align", "without-align", train=("--without", "align")),
-    "without-rec-align": Method(
-        "no L_rec, no L_align", "without-rec-align", train=("--without", "rec", "--without", "align")
-    ),
-    "no-blur": Method("R_img without blurred images, as the paper has it", learn=("--blur", "0")),
+    method.name: method
+    for method in (
+        Method("the true distance as reward", "oracle"),
+        Method("the paper's method"),
+        Method("features of an ImageNet network, untranslated", "pretrained"),
+        Method("third-person imitation", "tpil"),
+        Method("GAIL on images", "gail"),
+        Method("joint angles of one demonstration in another context", "joints"),
+        Method("TPIL, demonstrations in the learner's own context", "tpil", own_context=True),
+        Method("GAIL, demonstrations in the learner's own context", "gail", own_context=True),
+        Method("a translator of random weights", trained=False),
+        Method("no R_feat", without=("feat",)),
+        Method("no R_img", without=("img",)),
+        Method("no L_trans", losses_off=("trans",)),
+        Method("no L_rec", losses_off=("rec",)),
+        Method("no L_align", losses_off=("align",)),
+        Method("no L_rec, no L_align", losses_off=("rec", "align")),
+        Method("R_img without blurred images, as the paper has it", more=("--blur", "0"), named="no-blur"),
+    )
 }
 COMPARED = ("oracle", "translation", "pretrained", "tpil", "gail")
 # What the paper ablates, a task (Sec. VI.C).
