@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 import typer
 
 from artifacts.errors import UsageError
+from ifo_cli.completion import complete_list
 from ifo_cli.streams import emit, stdout_to_stderr
 from stages.config.presets import DEFAULT_PRESET, PRESETS
 from stages.config.stages import TASKS
@@ -25,12 +26,16 @@ NOTE = "Methods:\n\n" + "\n\n".join(f"  {name}: {method.help}" for name, method 
 
 def reproduce(
     context: typer.Context,
-    only: Annotated[str, typer.Option(help="Tasks, separated by commas.", metavar="TASKS")] = ",".join(TASKS),
+    only: Annotated[
+        str,
+        typer.Option(help="Tasks, separated by commas.", metavar="TASKS", autocompletion=complete_list(TASKS)),
+    ] = ",".join(TASKS),
     methods: Annotated[
         str,
         typer.Option(
             help="Methods, separated by commas (default: the paper's comparison, and its ablations of reach and push).",
             metavar="METHODS",
+            autocompletion=complete_list(tuple(METHODS)),
             show_default=False,
         ),
     ] = "",

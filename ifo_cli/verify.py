@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -12,24 +13,29 @@ from artifacts.errors import ArtifactError
 from ifo_cli.streams import emit, inputs_or_stdin
 
 EXAMPLES = (
-    "ifo verify runs/*.h5",
+    "ifo verify runs",
+    "ifo verify runs/reach.demos.h5 runs/reach.translator.h5",
     "ifo collect-demos reach --preset toy | ifo verify",
 )
 
 
 def verify(
     files: Annotated[
-        list[Path] | None, typer.Argument(help="Artifacts (default: paths on standard input, one a line).")
+        list[Path] | None,
+        typer.Argument(
+            help="Artifacts, or folders to search for them (default: paths on standard input, one per line)."
+        ),
     ] = None,
 ) -> None:
-    """Read artifacts whole, checking every checksum and that their parents are unchanged.
+    """Read artifacts whole; check every checksum, and that their parents are unchanged.
 
+    Of a folder, every file named NAME.KIND.h5 in it and below it is checked, checkpoints included.
     Exit code 3 if anything is wrong with any of them.
     """
     from artifacts import verify_artifact
 
     bad = 0
-    for path in inputs_or_stdin(files or [], "the artifacts to verify", several=True):
+    for path in _named(inputs_or_stdin(files or [], "the artifacts to verify", several=True)):
         try:
             report = verify_artifact(path)
         except ArtifactError as error:
@@ -40,6 +46,34 @@ def verify(
             emit(f"ok {path} ({report.kind}, {counts})")
     if bad:
         raise typer.Exit(bad)
+
+
+def _named(inputs: Sequence[Path]) -> Iterator[Path]:
+    """The files among the inputs, and the artifacts in its folders, each once.
+
+    Raises:
+        ArtifactError: A folder holds none.
+    """
+    from artifacts import KINDS
+
+    seen: set[Path] = set()
+    for given in inputs:
+        inside = [given]
+        if given.is_dir():
+            found = sorted(path for path in given.rglob("*.h5") if path.is_file())
+            inside = [path for path in found if path.name.split(".")[-2] in KINDS and path.name.count(".") > 1]
+            if not inside:
+                raise ArtifactError(f"{given}: holds no artifact: expected files named NAME.KIND.h5 in it or below it")
+            if others := len(found) - len(inside):
+                print(
+                    f"ifo: {given}: {_count(others, 'more .h5 file')} not named NAME.KIND.h5, not checked",
+                    file=sys.stderr,
+                    flush=True,
+                )
+        for path in inside:
+            if path.resolve() not in seen:
+                seen.add(path.resolve())
+                yield path
 
 
 def _count(number: int, noun: str) -> str:

@@ -58,7 +58,7 @@ def learn(
     try:
         with (
             TensorBoard(sibling(out, ".tensorboard"), done) as board,
-            run.progress.bar(f"{stage} ({config.learner})", config.iterations, "iterations") as bar,
+            run.progress.bar(f"{stage} ({config.learner})", config.iterations, "iterations", done) as bar,
         ):
             bar.update(done)
             while done < config.iterations and not is_flat(curve.get("return", []), config.patience):

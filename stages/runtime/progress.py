@@ -12,7 +12,7 @@ PLAIN_INTERVAL = 15.0  # seconds between two plain lines
 
 
 class Progress:
-    """Where a stage says how far it is. Nothing here ever writes to standard output."""
+    """Where a stage reports its progress. Nothing here ever writes to standard output."""
 
     def __init__(self, quiet: bool = False):
         self._quiet = quiet
@@ -23,15 +23,15 @@ class Progress:
             _print_line(text)
 
     @contextmanager
-    def bar(self, description: str, total: int, unit: str) -> Iterator[Bar]:
-        """Show work of `total` units while the block runs."""
+    def bar(self, description: str, total: int, unit: str, done: int = 0) -> Iterator[Bar]:
+        """Show work of `total` units while the block runs; `done` of them were done before, by an interrupted run."""
         if self._quiet:
             yield Bar()
         elif sys.stderr.isatty():
-            with _rich_bar(description, total, unit) as bar:
+            with _rich_bar(description, total, unit, done) as bar:
                 yield bar
         else:
-            bar = _PlainBar(description, total, unit)
+            bar = _PlainBar(description, total, unit, done)
             yield bar
             bar.finish()
 
@@ -40,21 +40,19 @@ class Bar:
     """Progress of one piece of work."""
 
     def update(self, done: int, **figures: Any) -> None:
-        """Say that `done` units are done, with figures of the moment."""
+        """Show that `done` units are done, and current figures."""
 
 
 class _PlainBar(Bar):
-    def __init__(self, description: str, total: int, unit: str):
+    def __init__(self, description: str, total: int, unit: str, done: int):
         self._description, self._total, self._unit = description, total, unit
-        self._start = self._last = time.monotonic()
-        self._first: int | None = None
+        self._rate = _Rate(done)
+        self._last = time.monotonic()
         self._line = self._printed = ""
 
     def update(self, done: int, **figures: Any) -> None:
         now = time.monotonic()
-        if self._first is None:
-            self._first = done
-        rate = max(done - self._first, 0) / max(now - self._start, 1e-9)
+        rate = self._rate(done)
         left = f", {(self._total - done) / rate:.0f} s left" if rate > 0 and done < self._total else ""
         self._line = f"{self._description}: {done}/{self._total} {self._unit}, {rate:.1f}/s{left}{_format(figures)}"
         if now - self._last >= PLAIN_INTERVAL:
@@ -64,6 +62,16 @@ class _PlainBar(Bar):
     def finish(self) -> None:
         if self._line != self._printed:
             _print_line(self._line)
+
+
+class _Rate:
+    """Units per second since this run began; what was done before it does not count."""
+
+    def __init__(self, done: int):
+        self._before, self._start = done, time.monotonic()
+
+    def __call__(self, done: int) -> float:
+        return max(done - self._before, 0) / max(time.monotonic() - self._start, 1e-9)
 
 
 def _print_line(text: str) -> None:
@@ -78,7 +86,7 @@ def _format(figures: dict[str, Any]) -> str:
 
 
 @contextmanager
-def _rich_bar(description: str, total: int, unit: str) -> Iterator[Bar]:
+def _rich_bar(description: str, total: int, unit: str, done: int) -> Iterator[Bar]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.progress import Progress as RichProgress
@@ -93,13 +101,12 @@ def _rich_bar(description: str, total: int, unit: str) -> Iterator[Bar]:
         TextColumn("{task.fields[figures]}"),
     ]
     with RichProgress(*columns, console=Console(stderr=True)) as progress:
-        task = progress.add_task(description, total=total, figures="", rate="")
-        start, first = time.monotonic(), [-1]
+        task = progress.add_task(description, total=total, completed=done, figures="", rate="")
+        rate = _Rate(done)
 
         class RichBar(Bar):
             def update(self, done: int, **figures: Any) -> None:
-                first[0] = done if first[0] < 0 else first[0]
-                rate = max(done - first[0], 0) / max(time.monotonic() - start, 1e-9)
-                progress.update(task, completed=done, rate=f"{rate:.1f}/s", figures=_format(figures).removeprefix(", "))
+                shown = _format(figures).removeprefix(", ")
+                progress.update(task, completed=done, rate=f"{rate(done):.1f}/s", figures=shown)
 
         yield RichBar()

@@ -7,19 +7,17 @@ import os
 import shutil
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from artifacts import PlatformError
 
-_usual = threading.excepthook
-
 
 class TensorBoard:
-    """Writes scalars; what an earlier run left beyond step `done` is hidden.
+    """Writes scalars until its block ends; what an earlier run wrote after step `done` is hidden.
 
     Raises:
-        PlatformError: The folder cannot be written; of its methods, all.
+        PlatformError: The folder cannot be written. Every method may raise it.
     """
 
     def __init__(self, folder: Path, done: int = 0):
@@ -27,15 +25,17 @@ class TensorBoard:
         from torch.utils.tensorboard import SummaryWriter
 
         self._folder = folder
-        threading.excepthook = _heed
         made = not folder.exists()
-        try:
-            with self._writing():
-                self._writer = SummaryWriter(str(folder), purge_step=done + 1 if done else 0)
-        except PlatformError:
-            if made:
-                shutil.rmtree(folder, ignore_errors=True)
-            raise
+        with ExitStack() as stack:
+            stack.enter_context(_silent_writer_thread())
+            try:
+                with self._writing():
+                    self._writer = SummaryWriter(str(folder), purge_step=done + 1 if done else 0)
+            except PlatformError:
+                if made:
+                    shutil.rmtree(folder, ignore_errors=True)
+                raise
+            self._on_exit = stack.pop_all()
 
     def write(self, step: int, row: dict[str, float]) -> None:
         with self._writing():
@@ -47,7 +47,7 @@ class TensorBoard:
         return self
 
     def __exit__(self, *exc_info: object) -> None:
-        with self._writing():
+        with self._on_exit, self._writing():
             self._writer.close()
 
     @contextmanager
@@ -61,7 +61,18 @@ class TensorBoard:
             ) from error
 
 
-def _heed(what: threading.ExceptHookArgs) -> None:
-    """As ever, but for TensorBoard's own thread: what it fails to write is raised again by whoever asked for it."""
-    if type(what.thread).__name__ != "_AsyncWriterThread" or not isinstance(what.exc_value, OSError):
-        _usual(what)
+@contextmanager
+def _silent_writer_thread() -> Iterator[None]:
+    """While the block runs, TensorBoard's own thread prints no OSError: whoever writes next gets it raised again."""
+    usual = threading.excepthook
+
+    def hook(what: threading.ExceptHookArgs) -> None:
+        if type(what.thread).__name__ != "_AsyncWriterThread" or not isinstance(what.exc_value, OSError):
+            usual(what)
+
+    threading.excepthook = hook
+    try:
+        yield
+    finally:
+        if threading.excepthook is hook:
+            threading.excepthook = usual

@@ -281,7 +281,7 @@ def train(
     try:
         with (
             TensorBoard(sibling(out, ".tensorboard"), training.step) if main else nullcontext() as board,
-            run.progress.bar(f"train-translator ({config.arch})", config.steps, "steps") as bar,
+            run.progress.bar(f"train-translator ({config.arch})", config.steps, "steps", training.step) as bar,
         ):
             if config.steps == 0 and main:
                 measure({})

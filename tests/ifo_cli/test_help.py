@@ -95,7 +95,16 @@ def test_completion_script_is_offered():
     assert "_IFO_COMPLETE" in done.stdout
 
 
-@pytest.mark.parametrize(("line", "expected"), [("ifo col", "collect-demos"), ("ifo collect-demos re", "reach")])
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("ifo col", "collect-demos"),
+        ("ifo collect-demos re", "reach"),
+        ("ifo reproduce --only st", "strike"),
+        ("ifo reproduce --only reach,st", "reach,strike"),
+        ("ifo reproduce --methods oracle,gail,gail", "oracle,gail,gail-own"),  # gail is in the list already
+    ],
+)
 def test_completion_completes(line, expected):
     environment = {
         "_IFO_COMPLETE": "complete_bash",

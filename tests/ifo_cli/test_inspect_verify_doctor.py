@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from artifacts import PlatformError
+from artifacts import PlatformError, write_checkpoint
 from ifo_cli import doctor
 from stages.simulation import gl
 
@@ -78,6 +78,32 @@ def test_verify_checks_every_file(run_ifo, family):
     demos.unlink()
     code, out, err = run_ifo("verify", translator)
     assert (code, out) == (3, "") and str(translator) in err and str(demos) in err
+
+
+def test_verify_checks_every_artifact_below_a_folder(run_ifo, family, make, tmp_path):
+    demos, translator, translation = family
+    (tmp_path / "deep" / "er").mkdir(parents=True)
+    policy = make("policy").rename(tmp_path / "deep" / "er" / "x.policy.h5")
+    checkpoint = tmp_path / "x.policy.checkpoint.h5"
+    write_checkpoint(checkpoint, {"done": 1}, stage="learn-policy", config={}, seed=0, command="ifo")
+    (tmp_path / "lift.h5").write_bytes(b"somebody else's")
+    code, out, err = run_ifo("verify", tmp_path, demos)
+    found = [line.split(" (")[0] for line in out.splitlines()]
+    assert code == 0 and sorted(found) == sorted(
+        f"ok {path}" for path in (demos, translator, translation, policy, checkpoint)
+    )
+    assert err == f"ifo: {tmp_path}: 1 more .h5 file not named NAME.KIND.h5, not checked\n"
+    for path in (policy, checkpoint):
+        path.write_bytes(path.read_bytes()[:-100])
+    code, out, err = run_ifo("verify", tmp_path)
+    assert code == 3 and len(out.splitlines()) == 3
+    assert len(err.splitlines()) == 3 and all(str(path) in err for path in (policy, checkpoint))
+
+
+def test_verify_of_a_folder_without_artifacts(run_ifo, tmp_path):
+    (tmp_path / "demos.h5").write_text("x")  # no name before the kind
+    code, out, err = run_ifo("verify", tmp_path)
+    assert (code, out) == (3, "") and err.count("\n") == 1 and "holds no artifact" in err and str(tmp_path) in err
 
 
 def test_doctor_says_what_to_mend(run_ifo, monkeypatch):

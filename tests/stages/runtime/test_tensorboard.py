@@ -26,9 +26,26 @@ def test_a_disk_that_is_full(tmp_path, monkeypatch, capsys):
 
 def test_other_threads_are_heard_of(tmp_path, monkeypatch):
     told = []
-    monkeypatch.setattr("stages.runtime.tensorboard._usual", told.append)
+    monkeypatch.setattr(threading, "excepthook", told.append)
     with TensorBoard(tmp_path / "x.tensorboard") as board:
         board.write(1, {"loss": 1.0, "nothing": float("nan")})
-    thread = threading.Thread(target=lambda: 1 / 0)
-    thread.start(), thread.join()
+        thread = threading.Thread(target=lambda: 1 / 0)
+        thread.start(), thread.join()
     assert [what.exc_type for what in told] == [ZeroDivisionError]
+
+
+def test_the_programs_own_hook_is_put_back(tmp_path, monkeypatch):
+    def own(what):
+        pass
+
+    monkeypatch.setattr(threading, "excepthook", own)
+    with TensorBoard(tmp_path / "x.tensorboard"):
+        assert threading.excepthook is not own
+    assert threading.excepthook is own
+    with pytest.raises(RuntimeError), TensorBoard(tmp_path / "x.tensorboard"):
+        raise RuntimeError
+    assert threading.excepthook is own
+    (tmp_path / "file").write_text("")
+    with pytest.raises(PlatformError):
+        TensorBoard(tmp_path / "file" / "x.tensorboard")
+    assert threading.excepthook is own
