@@ -1,6 +1,9 @@
-"""A mixture of Gaussians with full covariances, fitted by expectation maximisation, that can go on from an older fit.
+"""A mixture of Gaussians with full covariances, fitted by expectation maximisation, that can continue an older fit.
 
-Written out, because scikit-learn is no dependency of the learners, and its mixtures cannot be started from covariances.
+scikit-learn's GaussianMixture can continue an older fit as well (weights_init, means_init, precisions_init). It is not
+used because it is not a dependency (only the extra `align` brings it), and because its only regularisation, reg_covar,
+adds one constant to the variance of every dimension. The points here mix radians, metres, torques and image features:
+the prior below is in proportion to the variance of each dimension, and weighs less in clusters of more points.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+import pytest
 
 from stages.learners.gps.controller import LinearGaussianController
 from stages.learners.gps.dynamics import fit_dynamics, fit_prior, neighbours, transitions
@@ -32,6 +33,28 @@ def test_a_known_mixture_is_found():
     np.testing.assert_allclose(found.covariances[order], true.covariances, atol=0.15 * true.covariances.max())
     belongs = np.array(order)[true.responsibilities(points).argmax(axis=1)]
     assert (found.responsibilities(points).argmax(axis=1) == belongs).mean() > 0.97
+
+
+def test_fit_and_densities_are_those_of_scikit_learn():
+    mixture = pytest.importorskip("sklearn.mixture")
+    _, points = drawn(500)
+    start, _ = fit_mixture(points, 3, np.random.default_rng(1))
+    start = dataclasses.replace(start, means=start.means + 0.3)
+    found, _ = fit_mixture(points, 3, np.random.default_rng(1), start)
+    reference = mixture.GaussianMixture(
+        3,
+        tol=1e-4,
+        reg_covar=1e-9,
+        weights_init=start.weights,
+        means_init=start.means,
+        precisions_init=np.linalg.inv(start.covariances),
+    ).fit(points)
+    np.testing.assert_allclose(found.weights, reference.weights_, atol=1e-3)
+    np.testing.assert_allclose(found.means, reference.means_, atol=1e-2)
+    np.testing.assert_allclose(found.covariances, reference.covariances_, atol=1e-2)
+    same = Mixture(reference.weights_, reference.means_, reference.covariances_)
+    assert np.isclose(same.log_likelihood(points), reference.score(points) * len(points))
+    np.testing.assert_allclose(same.responsibilities(points), reference.predict_proba(points), atol=1e-9)
 
 
 def test_no_step_lowers_the_objective_even_with_too_many_clusters_or_a_dead_dimension():
