@@ -20,7 +20,7 @@ from artifacts import (
 )
 from artifacts.atomic import write_bytes
 from stages.config.stages import EvaluateConfig
-from stages.reporting.intervals import bootstrap_mean, wilson
+from stages.reporting.figures import figures
 from stages.reporting.methods import describe_method
 from stages.runtime.devices import pick_workers
 from stages.runtime.outputs import Output
@@ -78,7 +78,7 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
                 videos.append(policy_video(task, policy, contexts, pool))
             bar.update(index + 1)
     arrays = {key: np.stack(values) for key, values in results.items()}
-    summary = _summarise(task, arrays)
+    summary = figures(arrays["normalised_distance"], arrays["normalised_distance_stochastic"], task.success_threshold)
     about = {"task": task.name, "success_threshold": task.success_threshold}
     described = full_config(
         "evaluate", config, run, **about, runs=[_describe(source, run.progress) for source in sources]
@@ -152,31 +152,4 @@ def _episodes(
         "normalised_distance": calm.normalised_distance,
         "final_distance_stochastic": noisy.final_distance,
         "normalised_distance_stochastic": noisy.normalised_distance,
-    }
-
-
-def _summarise(task: Any, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
-    """Figures over runs (R, E), with 95% intervals: Wilson's for the runs' success, else the bootstrap's.
-
-    The bootstrap resamples runs; where there is one run alone, its episodes.
-    """
-    calm, noisy = arrays["normalised_distance"], arrays["normalised_distance_stochastic"]
-    succeeded = noisy.mean(axis=1) < task.success_threshold
-
-    def units(values: np.ndarray) -> np.ndarray:
-        return values.mean(axis=1) if len(values) > 1 else values[0]
-
-    return {
-        "runs": len(calm),
-        "resampled": "runs" if len(calm) > 1 else "episodes",
-        "normalised_distance": float(calm.mean()),
-        "normalised_distance_interval": bootstrap_mean(units(calm)),
-        "normalised_distance_stochastic": float(noisy.mean()),
-        "normalised_distance_stochastic_interval": bootstrap_mean(units(noisy)),
-        "per_run_distance": [float(value) for value in noisy.mean(axis=1)],
-        "succeeded": int(succeeded.sum()),
-        "success_paper": float(succeeded.mean()),
-        "success_paper_interval": wilson(int(succeeded.sum()), len(succeeded)),
-        "success_deterministic": float((calm < task.success_threshold).mean()),
-        "success_deterministic_interval": bootstrap_mean(units(calm < task.success_threshold)),
     }

@@ -1,6 +1,7 @@
 """From nothing to an evaluated policy, by five commands and four pipes."""
 
-from html import escape
+import shutil
+from html import unescape
 
 import av
 import numpy as np
@@ -41,6 +42,29 @@ def test_every_artifact_verifies_and_knows_where_it_came_from(toy, ifo):
     assert {read_artifact(toy.artifact(kind)).manifest.seed for kind in KINDS} == {5}
 
 
+def test_the_figures_of_an_evaluation_are_of_the_distances_in_it(toy):
+    evaluation = read_artifact(toy.artifact("evaluation"))
+    calm, noisy = evaluation["normalised_distance"], evaluation["normalised_distance_stochastic"]
+    assert calm.mean() != noisy.mean()
+    assert toy.summary["normalised_distance"] == pytest.approx(calm.mean())
+    assert toy.summary["normalised_distance_stochastic"] == pytest.approx(noisy.mean())
+    assert toy.summary["success_paper"] == float(noisy.mean() < evaluation.config["success_threshold"])
+    assert toy.summary["success_deterministic"] == (calm < evaluation.config["success_threshold"]).mean()
+
+
+def test_a_policy_without_its_translator_is_evaluated_and_said_to_be_of_unknown_method(toy, ifo, tmp_path):
+    [run] = read_artifact(toy.artifact("evaluation")).config["runs"]
+    assert run["method"] == "translation" and run["translator"]["steps"] > 0 and run["own_context"] is False
+    alone = tmp_path / "alone.policy.h5"
+    shutil.copy(toy.artifact("policy"), alone)
+    done = ifo(tmp_path, "evaluate", alone)
+    assert done.returncode == 0, done.stderr
+    assert f"{alone}: recorded as translation (translator unknown): {alone} was made from" in done.stderr
+    [run] = read_artifact(tmp_path / "alone.evaluation.h5").config["runs"]
+    assert run["method"] == "translation (translator unknown)"
+    assert run["translator"] is None and run["own_context"] is None
+
+
 def test_videos_are_h264_and_show_every_frame(toy):
     for kind in ("demos", "translation", "policy", "evaluation"):
         path = toy.artifact(kind).with_suffix(".mp4")
@@ -79,11 +103,11 @@ def test_a_report_tells_of_the_whole_pipeline(toy, ifo, tmp_path):
     page = tmp_path / "page.html"
     done = ifo(toy.folder, "report", "runs", "--out", page)
     assert (done.returncode, done.stdout) == (0, f"{page}\n"), done.stderr
-    text = page.read_text()
+    text = unescape(page.read_text())
     assert text.count("<video") == 2 and text.count("<img") == 2
     for kind in KINDS:
-        assert escape(read_artifact(toy.artifact(kind)).manifest.command) in text
-    assert "success, paper&#x27;s criterion</dt><dd>" in text and "(below 0.5)" in text
+        assert read_artifact(toy.artifact(kind)).manifest.command in text
+    assert "success, paper's criterion</dt><dd>" in text and "(below 0.5)" in text
 
 
 @pytest.mark.parametrize(

@@ -55,15 +55,21 @@ def evaluation(tmp_path):
         folder=tmp_path,
         first_seed=0,
         threshold=0.5,
+        deterministic=None,
         **fields,
     ):
-        """`left` has a normalised distance a run; `old`: as ifo wrote evaluations before it recorded methods."""
+        """`left`: normalised distances per run; `deterministic`: those of the deterministic policies, if others.
+
+        `old`: as ifo wrote evaluations before it recorded methods.
+        """
         count = len(left)
-        noisy = np.repeat(np.array(left, float)[:, None], EPISODES, axis=1)
+        noisy, calm = (
+            np.repeat(np.array(values, float)[:, None], EPISODES, axis=1) for values in (left, deterministic or left)
+        )
         arrays = {
             "initial_distance": np.full((count, EPISODES), 2.0),
-            "final_distance": noisy * 2,
-            "normalised_distance": noisy,
+            "final_distance": calm * 2,
+            "normalised_distance": calm,
             "final_distance_stochastic": noisy * 2,
             "normalised_distance_stochastic": noisy,
         }

@@ -8,7 +8,7 @@ import io
 import numpy as np
 import pytest
 
-from artifacts import ArtifactError, write_artifact
+from artifacts import ArtifactError, read_artifact, write_artifact
 from stages.reporting.counting import count_once
 from stages.reporting.intervals import bootstrap_mean, wilson
 from stages.reporting.plots import ablated, mean_curve
@@ -31,6 +31,37 @@ def test_a_summary_has_rates_means_and_intervals(evaluation, runs_of):
     assert found.distance_interval == bootstrap_mean(np.array([0.1, 0.3, 0.8, 0.4]))
     assert (found.samples, found.learning_minutes, found.translator_minutes) == (300, 1.5, 20)
     assert found.paper == 0.85
+
+
+def test_the_stochastic_policy_decides_the_success_of_a_run(evaluation, runs_of):
+    near, far, edge = runs_of(evaluation(left=(0.25, 0.75, 0.5), deterministic=(0.8, 0.2, 0.4)))
+    assert (near.success, far.success) == (True, False)
+    assert (near.normalised_distance, far.normalised_distance) == (0.25, 0.75)
+    assert (near.deterministic_distance, far.deterministic_distance) == (0.8, 0.2)
+    assert (near.deterministic_success, far.deterministic_success) == (0.0, 1.0)
+    assert (near.initial_distance, near.final_distance) == (2.0, 0.5)
+    assert not edge.success, "to be at the threshold is not enough"
+    table = list(csv.DictReader(io.StringIO(as_csv([near, far]))))
+    assert [row["success_paper"] for row in table] == ["1", "0"]
+    assert [row["normalised_distance"] for row in table] == ["0.25", "0.75"]
+    assert [row["normalised_distance_deterministic"] for row in table] == ["0.8", "0.2"]
+    assert [row["success_deterministic"] for row in table] == ["0.0", "1.0"]
+    assert [(row["initial_distance"], row["final_distance"]) for row in table] == [("2.0", "0.5"), ("2.0", "1.5")]
+    [found] = summarise([near, far])
+    assert (found.succeeded, found.deterministic, found.distance) == (1, 0.5, 0.5)
+
+
+def test_a_mean_over_episodes_is_judged_not_the_episodes(evaluation, runs_of, tmp_path):
+    path = evaluation(left=(0.5,))
+    artifact = read_artifact(path)
+    arrays = {name: artifact[name] for name in artifact.names()}
+    # Three of four episodes end near; the fourth spoils the mean.
+    arrays["normalised_distance_stochastic"] = np.array([[0.1, 0.1, 0.1, 2.0]])
+    arrays["normalised_distance"] = np.array([[0.5, 0.1, 0.1, 2.0]])
+    write_artifact(path, "evaluation", arrays, config=dict(artifact.config), seed=0, command="ifo")
+    [run] = runs_of(path)
+    assert not run.success and run.normalised_distance == pytest.approx(0.575)
+    assert run.deterministic_success == 0.5
 
 
 def test_success_is_judged_by_the_evaluations_own_threshold(evaluation, runs_of):
@@ -77,6 +108,25 @@ def test_a_policy_that_was_evaluated_twice_counts_once(evaluation, runs_of, tmp_
     kept, duplicates = count_once(runs_of(both, again))
     assert len(kept) == 2 and len(duplicates) == 1
     assert {item.run.evaluation.path for item in duplicates} < {both, again}
+
+
+@pytest.mark.parametrize("newest", [0, 1, 2])
+@pytest.mark.parametrize("by", ["seeds", "policy"])
+def test_the_newest_evaluation_of_a_run_counts(evaluation, runs_of, tmp_path, newest, by):
+    same = policy(tmp_path, "same")
+    runs = []
+    for number in range(3):
+        parent = same if by == "policy" else policy(tmp_path, f"policy{number}", number)
+        seed = number if by == "policy" else 0
+        path = evaluation(f"evaluation{number}", (0.1 * (number + 1),), parents=[parent], first_seed=seed)
+        [run] = runs_of(path)
+        day = 9 if number == newest else number + 1
+        run.evaluation.manifest = run.evaluation.manifest.model_copy(update={"created": f"2026-01-0{day}T00:00:00"})
+        runs.append(run)
+    [kept], duplicates = count_once(runs)
+    assert kept.evaluation is runs[newest].evaluation
+    assert [item.run.evaluation for item in duplicates] != [] and len(duplicates) == 2
+    assert all(item.kept is kept for item in duplicates)
 
 
 def test_the_same_method_and_seeds_count_once(evaluation, runs_of, tmp_path):
