@@ -8,7 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from ifo_cli.options import Given, TaskArgument, stage_command
-from ifo_cli.runner import check_task, run_stage
+from ifo_cli.runner import run_stage
+from stages.config.task_names import check_task_name
 
 STAGE = "collect-demos"
 EXAMPLES = (
@@ -34,7 +35,7 @@ def collect_demos(
     Viewpoint, colours, positions and distractors differ from video to video. Only frames are recorded for
     learning: no actions, no states.
     """
-    check_task(task)
+    check_task_name(task)
 
     def call(config: Any, run: Any, paths: list[Path]) -> Any:
         from stages.collect_demos import collect_demos

@@ -10,10 +10,11 @@ from typing import Annotated, Literal
 import typer
 
 from ifo_cli.options import complete_task
-from ifo_cli.runner import check_out, check_task
+from ifo_cli.runner import check_out
 from ifo_cli.streams import emit, inputs_or_stdin, plain, stdout_to_stderr
 from stages.config.presets import DEFAULT_PRESET, PRESETS
 from stages.config.stages import ImportConfig
+from stages.config.task_names import check_task_name, permission_needed
 
 EXAMPLES = (
     "ifo import-demos kitchen/ --preview",
@@ -116,7 +117,7 @@ def import_demos(
     Reads MP4, MOV, AVI, WebM, GIF, folders of PNGs or JPEGs, LeRobotDataset v3, and the HDF5 of robomimic and Minari.
     Rotation and time stamps are heeded. Videos that cannot be used are named, left out and counted.
     """
-    task = check_task(task) if task else ""
+    task = check_task_name(task) if task else ""
     config = ImportConfig(frames, size, start, end, fps, crop, crop_file, task, strict, camera)
     out = check_out(out)
     paths = inputs_or_stdin(videos or [], "videos, or their folder", several=True)
@@ -133,6 +134,8 @@ def import_demos(
             command=shlex.join(["ifo", *words]),
             progress=Progress(quiet=quiet),
         )
+        if note := permission_needed(task):
+            run.progress.say(note)
         result = import_demos(paths, config, run, preview)
     if as_json:
         kind = "preview" if preview else "demos"

@@ -15,6 +15,7 @@ import typer.main
 
 from artifacts.errors import IfoError
 from ifo_cli import (
+    check_task,
     collect_demos,
     doctor,
     evaluate,
@@ -73,6 +74,7 @@ _register("reproduce", reproduce.reproduce, reproduce.EXAMPLES, reproduce.NOTE)
 _register("report", report.report, report.EXAMPLES)
 _register("inspect", inspect.inspect, inspect.EXAMPLES)
 _register("verify", verify.verify, verify.EXAMPLES)
+_register("check-task", check_task.check_task, check_task.EXAMPLES)
 _register("doctor", doctor.doctor, doctor.EXAMPLES)
 
 

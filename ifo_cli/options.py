@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import importlib.metadata
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +14,8 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 import typer
 
 from stages.config.presets import DEFAULT_PRESET, PRESETS
-from stages.config.stages import HOUSEHOLD, STAGES, TASKS
+from stages.config.stages import STAGES
+from stages.config.task_names import known_tasks
 
 HELP_PRESET = DEFAULT_PRESET
 PRESET_NOTE = (
@@ -30,14 +30,13 @@ STAGE_PANEL = "Options of this stage"
 
 def complete_task(incomplete: str) -> list[str]:
     """Names of tasks, for shell completion."""
-    installed = [entry.name for entry in importlib.metadata.entry_points(group="ifo.tasks")]
-    return [task for task in (*TASKS, *HOUSEHOLD, *installed) if task.startswith(incomplete)]
+    return [task for task in known_tasks() if task.startswith(incomplete)]
 
 
 TaskArgument = Annotated[
     str,
     typer.Argument(
-        help=f"Task: {', '.join((*TASKS, *HOUSEHOLD))}, dm:DOMAIN-TASK, or MODULE:ATTR.",
+        help=f"Task: {', '.join(known_tasks())}, dm:DOMAIN-TASK, or MODULE:ATTR.",
         autocompletion=complete_task,
         show_default=False,
     ),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import json
 import math
 import os
@@ -18,7 +17,7 @@ from artifacts.pipeline import STAGE_FILES
 from ifo_cli.options import Given
 from ifo_cli.streams import emit, inputs_or_stdin, plain, stdout_to_stderr
 from stages.config.presets import PRESETS, defaults
-from stages.config.stages import HOUSEHOLD, TASKS
+from stages.config.task_names import permission_needed
 
 if TYPE_CHECKING:
     from artifacts import Artifact
@@ -26,21 +25,10 @@ if TYPE_CHECKING:
     from stages.runtime.run import RunOptions, StageResult
 
 SHARED = ("train-translator",)  # stages whose work several processes can share
+# Stages that run without permission to import the task; those after them need it (IFO_TASKS).
+WITHOUT_PERMISSION = ("train-expert", "collect-demos", "train-translator")
 
 Call = Callable[[Any, "RunOptions", list[Path]], "StageResult"]
-
-
-def check_task(task: str) -> str:
-    """Return the task's name, or raise UsageError with what it may have been meant to be."""
-    import importlib.metadata
-
-    installed = [entry.name for entry in importlib.metadata.entry_points(group="ifo.tasks")]
-    if task in (*TASKS, *HOUSEHOLD, *installed) or ":" in task:
-        return task  # What stands behind a colon is looked up by the stage.
-    close = difflib.get_close_matches(task.lower(), [*TASKS, *HOUSEHOLD, *installed], n=1, cutoff=0.5)
-    meant = f", did you mean {close[0]}?" if close else ":"
-    known = ", ".join([*TASKS, *HOUSEHOLD, *installed])
-    raise UsageError(f"no task {task!r}{meant} expected one of {known}, dm:DOMAIN-TASK, or MODULE:ATTR")
 
 
 def run_stage(
@@ -111,9 +99,11 @@ def _run(
             processes=processes,
         )
         task = task or (str(parents[0].config.get("task") or "") if parents else "")
+        if stage in WITHOUT_PERMISSION and (note := permission_needed(task)):
+            run.progress.say(note)
         choice = given.config.get("learner") or given.config.get("arch") or ""
         config = dataclasses.replace(defaults(run.preset, stage, task, choice), **given.config)
-        made = _make_folder(out) if processes.main else []
+        made = make_folder(out) if processes.main else []
         try:
             result = call(config, run, paths)
         except UsageError:
@@ -155,7 +145,7 @@ def check_out(out: Path | None) -> Path | None:
     return out
 
 
-def _make_folder(out: Path | None) -> list[Path]:
+def make_folder(out: Path | None) -> list[Path]:
     """Make the folder of `out`; returns the folders that this made, innermost first."""
     if out is None:
         return []

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from ifo_cli.options import Given, TaskArgument, stage_command
-from ifo_cli.runner import check_task, run_stage
+from ifo_cli.runner import run_stage
+from stages.config.task_names import check_task_name
 
 STAGE = "train-expert"
 EXAMPLES = (
@@ -23,7 +24,7 @@ def train_expert(task: TaskArgument, given: Given) -> None:
     The expert sees the state and the goal, which the learner never does. `ifo collect-demos` trains one by
     itself where none is named.
     """
-    check_task(task)
+    check_task_name(task)
 
     def call(config: Any, run: Any, _: list[Path]) -> Any:
         from stages.train_expert import train_expert

@@ -35,7 +35,10 @@ Film = Callable[[dict[str, np.ndarray], np.ndarray], None]
 CHUNK = 256  # demonstrations rolled out and drawn at a time
 FOOTAGE_SCALE = 5  # pixels of an MP4 a pixel of a frame
 TEMPO_KNOTS = 3  # speeds that make a video's tempo
-MAX_ATTEMPTS = 4  # times n: an expert that fails more often than this makes no demonstrations
+MAX_ATTEMPTS = 4  # attempts per demonstration: an expert that fails more often than this is given up
+# Attempts before an expert is given up, however few demonstrations are wanted: one that succeeds in a quarter of the
+# contexts fails 64 times in a row with a probability of 1e-8.
+FEWEST_ATTEMPTS = 64
 
 
 def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: Path | None) -> StageResult:
@@ -97,11 +100,12 @@ def _film(
         run.progress.bar(f"collect-demos {task.name}", config.n, "demos") as bar,
     ):
         while kept < config.n:
-            if kept + dropped >= MAX_ATTEMPTS * max(config.n, chunk) or (chunks and not kept):
+            attempts = kept + dropped
+            if attempts >= FEWEST_ATTEMPTS and (attempts >= MAX_ATTEMPTS * config.n or not kept):
                 who = demonstrator.parents[0] if demonstrator.parents else f"task {task.name}"
                 longer = f"train it longer (ifo train-expert {task.name} --iterations N), or "
                 raise ArtifactError(
-                    f"{who}: the demonstrator failed in {dropped} of {kept + dropped} contexts, expected at least a "
+                    f"{who}: the demonstrator failed in {dropped} of {attempts} contexts, expected at least a "
                     f"quarter to end below {task.expert_threshold} of the initial distance; "
                     f"{longer if demonstrator.parents else ''}keep failures (--keep-failures)"
                 )

@@ -15,7 +15,7 @@ import numpy as np
 
 from artifacts import ArtifactError, UsageError, default_path, sha256_of, sibling, write_overview, write_png
 from stages.config.presets import DEFAULT_PRESET
-from stages.config.stages import ImportConfig
+from stages.config.stages import FRAME_SIDES, ImportConfig
 from stages.datasets.finding import find_episodes
 from stages.footage.crops import Crop, centred_crop, check_crop, parse_crop, read_crops, reduced
 from stages.footage.footage import Footage
@@ -27,7 +27,6 @@ from stages.runtime.outputs import Output
 from stages.runtime.run import RunOptions, StageResult, environment, full_config
 from stages.translation.training import FEWEST
 
-SIDES = range(16, 513, 4)  # pixels; the translators halve frames twice
 MOST_FRAMES = 1000
 PREVIEWED = 200  # videos on a preview, at most
 NAMED = 3  # videos that a note names
@@ -247,7 +246,7 @@ def _compare_with_task(config: ImportConfig, size: tuple[int, int], run: RunOpti
     from stages.simulation.registry import make_task
 
     choose_backend(required=False)
-    task = make_task(config.task)
+    task = make_task(config.task, typed=True)
     if (config.frames, *size) != (task.frames, *task.frame_size):
         height, width = task.frame_size
         run.progress.say(
@@ -264,10 +263,10 @@ def parse_size(text: str) -> tuple[int, int]:
     """
     match = re.fullmatch(r"(\d{1,4})[xX](\d{1,4})", text)
     width, height = (int(side) for side in match.groups()) if match else (0, 0)
-    if width not in SIDES or height not in SIDES:
+    if width not in FRAME_SIDES or height not in FRAME_SIDES:
         raise UsageError(
-            f"--size {text!r}: expected WIDTHxHEIGHT in multiples of {SIDES.step} from {SIDES[0]} to {SIDES[-1]}, "
-            "such as 48x48"
+            f"--size {text!r}: expected WIDTHxHEIGHT in multiples of {FRAME_SIDES.step} from {FRAME_SIDES[0]} to "
+            f"{FRAME_SIDES[-1]}, such as 48x48"
         )
     return height, width
 

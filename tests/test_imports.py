@@ -154,6 +154,7 @@ def test_commands_import_nothing_heavy_when_they_are_loaded():
         "artifacts.pipeline",
         "stages.config.stages",
         "stages.config.presets",
+        "stages.config.task_names",
         "stages.reproduction.plan",
         "ifo_cli",
         "typer",

@@ -30,6 +30,7 @@ EXPORT_FORMATS = ("lerobot", "robomimic", "minari")
 CAMERA = "camera"
 PLAIN_FPS = 10  # as in the MP4s that people look at
 VIDEO_CRF = 12
+FRAME_SIDES = range(16, 513, 4)  # heights and widths of frames in pixels; the translators halve frames twice
 
 
 def option(

@@ -1,37 +1,49 @@
-"""Tasks by name: the paper's, dm_control's suite, and whatever users bring."""
+"""Tasks by name: the paper's, dm_control's suite, and those of users."""
 
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import importlib
-import importlib.metadata
-import inspect
-import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from artifacts.errors import UsageError
+from artifacts import IfoError, UsageError, sha256_of
+from stages.config.task_names import SUITE, TRUSTED, check_task_name, is_trusted, plugins
 from stages.runtime.seeding import generator
+from stages.simulation.blame import definition, failure, modules_of
 from stages.simulation.contexts import DISTRIBUTIONS, FACTORS, ContextDistribution, Contexts
+from stages.simulation.guard import attribute_faults, guarded
 from stages.simulation.task import Task
-
-GROUP = "ifo.tasks"  # entry points of installed packages
-TRUSTED = "IFO_TASKS"  # environment variable: comma-separated MODULE:ATTR that files may name
 
 
 def make_task(name: str, typed: bool = False) -> Task:
-    """The task called `name`.
+    """The task called `name`; a user's task is guarded (`stages.simulation.guard`).
 
     Args:
-        name: One of the paper's; `dm:DOMAIN-TASK`; the name of an entry point of the group `ifo.tasks`; or
+        name: One of the built-in tasks; `dm:DOMAIN-TASK`; the name of an entry point of the group `ifo.tasks`; or
             `MODULE:ATTR`, a subclass of Task or a function that returns a task.
         typed: Whether the user typed the name. A `MODULE:ATTR` that comes from a file is imported only if the
             environment variable IFO_TASKS lists it: opening a stranger's file must not run code.
 
     Raises:
-        UsageError: There is no such task, or it may not be imported.
+        UsageError: There is no such task, it may not be imported, or (TaskError) it is broken.
     """
+    if task := _built_in(name):
+        return task
+    task = guarded(_brought(name, typed))
+    for error in attribute_faults(task):
+        raise error
+    return task
+
+
+def unguarded_task(name: str, typed: bool = False) -> Task:
+    """As `make_task`, but neither guarded nor checked."""
+    return _built_in(name) or _brought(name, typed)
+
+
+def _built_in(name: str) -> Task | None:
+    """The task of this package called `name`; None: there is none."""
     from stages.simulation.tasks.household_ladle import LadleAlmonds
     from stages.simulation.tasks.household_push import PushReal
     from stages.simulation.tasks.household_sweep import SweepAlmonds, SweepPaper
@@ -44,22 +56,42 @@ def make_task(name: str, typed: bool = False) -> Task:
     tasks: dict[str, type[Task]] = {task.name: task for task in kinds}
     if name in tasks:
         return tasks[name]()
-    if name.startswith("dm:"):
+    if name.startswith(SUITE):
         from stages.simulation.tasks.dm import DmTask
 
         return DmTask(name)
-    for entry in importlib.metadata.entry_points(group=GROUP):
-        if entry.name == name:
-            return _made(name, entry.load)
-    if ":" not in name:
-        raise UsageError(f"task {name!r}: expected one of {', '.join(tasks)}, dm:DOMAIN-TASK, or MODULE:ATTR")
-    trusted = {word.strip() for word in os.environ.get(TRUSTED, "").split(",")}
-    if not typed and name not in trusted:
+    return None
+
+
+def _brought(name: str, typed: bool) -> Task:
+    """The task that a user's code makes.
+
+    Raises:
+        UsageError: It cannot be imported, or is no task.
+    """
+    entry = plugins().get(check_task_name(name))
+    if not entry and not typed and not is_trusted(name):
         raise UsageError(
-            f"task {name!r} is code that the file names, and code is not run for being named by a file: if you trust "
-            f"it, export {TRUSTED}={name}"
+            f"task {name!r} is code that the file names, and code that a file names is imported only with your "
+            f"permission: if you trust it, export {TRUSTED}={name}"
         )
-    return _made(name, lambda: _attribute(name))
+    load: Callable[[], object] = entry.load if entry else lambda: _attribute(name)
+    module = entry.module if entry else name.partition(":")[0]
+    made: object = None
+    try:
+        made = load()
+        task = made() if callable(made) else made
+    except IfoError:
+        raise
+    except (Exception, SystemExit) as error:  # A user's code may fail in any way, and none of them is a bug of ours.
+        if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] == module.partition(".")[0]:
+            raise UsageError(f"task {name!r}: {error}; is its module installed or on PYTHONPATH?") from error
+        place = definition(made) if isinstance(made, type) else ""
+        raise UsageError(f"task {name!r} cannot be made {failure(error, [module], place)}; fix its code") from error
+    if not isinstance(task, Task):
+        raise UsageError(f"task {name!r} is a {type(task).__name__}, expected an ifo.Task")
+    task.name = name  # What later stages find it by.
+    return task
 
 
 def _attribute(name: str) -> object:
@@ -72,40 +104,14 @@ def _attribute(name: str) -> object:
     return made
 
 
-def _made(name: str, load: Callable[[], object]) -> Task:
-    """The task that a user's code makes.
-
-    Raises:
-        UsageError: It cannot be imported, or is no task.
-    """
-    try:
-        made = load()
-        task = made() if callable(made) else made
-    except UsageError:
-        raise
-    except ModuleNotFoundError as error:
-        raise UsageError(f"task {name!r}: {error}; is its module installed or on PYTHONPATH?") from error
-    except Exception as error:  # A stranger's code may fail in any way, and none of them is a bug of ours.
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise UsageError(f"task {name!r} cannot be made ({reason}): mend its code") from error
-    if not isinstance(task, Task):
-        raise UsageError(f"task {name!r} is a {type(task).__name__}, expected a stages.simulation.task.Task")
-    task.name = name  # What later stages find it by.
-    return task
-
-
 def code_digest(task: Task) -> dict[str, str]:
     """The SHA-256 of a user's task file, as `{"task_code": ...}`, so that a changed task makes new artifacts.
 
     Empty for tasks of this package, whose code belongs to the version of ifo.
     """
-    try:
-        path = inspect.getsourcefile(type(task))
-        if path is None or type(task).__module__.partition(".")[0] == __name__.partition(".")[0]:
-            return {}
-        return {"task_code": hashlib.sha256(Path(path).read_bytes()).hexdigest()}
-    except (OSError, TypeError):
-        return {}
+    files = [getattr(sys.modules.get(name), "__file__", None) for name in sorted(modules_of(task.__class__))]
+    digests = [sha256_of(file) for file in files if file and Path(file).is_file()]
+    return {"task_code": " ".join(digests)} if digests else {}
 
 
 def file_name(task_name: str) -> str:

@@ -82,8 +82,11 @@ class Task(ABC):
     def model(self) -> mujoco.MjModel:
         """The compiled model. Shared: copy before writing to it."""
         import mujoco
+        from dm_control import mjcf
 
         root = self.build()
+        if not isinstance(root, mjcf.RootElement):
+            raise TypeError(f"build returned a {type(root).__name__}, expected a dm_control.mjcf.RootElement")
         return mujoco.MjModel.from_xml_string(root.to_xml_string(), root.get_assets())
 
     @property
@@ -102,10 +105,14 @@ class Task(ABC):
 
     @property
     def posture(self) -> np.ndarray:
-        """Indices into qpos of the joints that motors drive: their final spread tells how consistent an expert is."""
+        """Indices into qpos of the joints that motors drive: their final spread tells how consistent an expert is.
+
+        Where motors drive no joint directly, as through tendons, those of all slides and hinges.
+        """
         driven = self.model.actuator_trnid[self.model.actuator_trntype == 0, 0]  # 0: a joint
-        turning = [joint for joint in driven if self.model.jnt_type[joint] >= 2]  # slides and hinges
-        return np.unique(self.model.jnt_qposadr[turning])
+        single = self.model.jnt_type >= 2  # slides and hinges
+        chosen = driven[single[driven]] if single[driven].any() else np.flatnonzero(single)
+        return np.unique(self.model.jnt_qposadr[chosen])
 
     def varied(self, distribution: ContextDistribution) -> frozenset[str]:
         """The factors that are drawn from `distribution`.
