@@ -91,9 +91,9 @@ def make(tmp_path):
         },
     }
 
-    def write(kind, name="x", preset="toy", seed=7, parents=()):
+    def write(kind, name="x", preset="toy", seed=7, parents=(), config=None):
         content = arrays.get(kind, {"weights/a": np.arange(3, dtype=np.float32)})
-        config = {"stage": kind, "n": 2, **({"preset": preset} if preset else {})}
+        config = {"stage": kind, "n": 2, **({"preset": preset} if preset else {}), **(config or {})}
         path = tmp_path / f"{name}.{kind}.h5"
         return write_artifact(
             path,

@@ -10,9 +10,11 @@ import pytest
 
 from artifacts import UsageError
 from stages.config.presets import defaults
-from stages.config.stages import TASKS
+from stages.config.stages import HOUSEHOLD, TASKS
+from stages.config.task_names import TRUSTED, known_tasks, permission_needed
+from stages.simulation.checking import check_task
 from stages.simulation.contexts import FACTORS
-from stages.simulation.registry import TRUSTED, distribution, file_name, make_task
+from stages.simulation.registry import distribution, file_name, make_task
 from stages.simulation.tasks.dm import DmTask
 from stages.simulation.tasks.push import Push
 from stages.simulation.tasks.reach import Reach
@@ -55,6 +57,14 @@ def test_the_papers_tasks_are_built_in(name, kind):
         assert task.name == name
 
 
+@pytest.mark.gl
+@pytest.mark.parametrize("name", [*TASKS, *HOUSEHOLD, "dm:reacher-easy", "dm:point_mass-easy"])
+def test_built_in_tasks_keep_every_promise(name):
+    report = check_task(make_task(name))
+    assert report.problems == ()
+    assert report.frames.shape == (20, *make_task(name).frame_size, 3)
+
+
 def test_the_suites_tasks_need_no_trust(monkeypatch):
     monkeypatch.delenv(TRUSTED, raising=False)
     task = make_task("dm:cheetah-run", typed=False)
@@ -65,9 +75,11 @@ def test_the_suites_tasks_need_no_trust(monkeypatch):
 @pytest.mark.parametrize("typed", [False, True])
 def test_unknown_names_are_usage_errors_that_list_the_choices(typed):
     with pytest.raises(
-        UsageError, match=r"'fetch': expected one of reach, push, .*ladle-almonds, dm:.*, or MODULE:ATTR"
+        UsageError, match=r"'walk': expected one of reach, push, .*ladle-almonds, dm:.*, or MODULE:ATTR"
     ):
-        make_task("fetch", typed)
+        make_task("walk", typed)
+    with pytest.raises(UsageError, match="no task 'raech', did you mean reach"):
+        make_task("raech", typed)
 
 
 @pytest.mark.parametrize(("attribute", "substeps"), [("Slow", 10), ("brisk", 2), ("ready", 10)])
@@ -139,6 +151,17 @@ def test_an_installed_package_gives_its_task_a_name(module, tmp_path):
         make_task("wrong")
     with pytest.raises(UsageError, match="cannot be made"):
         make_task("lost")
+    assert set(known_tasks()) >= {"reach", "push-real", "slow", "wrong", "lost"}
+    assert permission_needed("slow") == ""
+    with pytest.raises(UsageError, match="did you mean slow"):
+        make_task("slwo")
+
+
+def test_a_task_that_later_stages_may_not_import_is_told(monkeypatch):
+    monkeypatch.setenv(TRUSTED, "mine:Task")
+    for name in ("", "reach", "dm:cheetah-run", "mine:Task"):
+        assert permission_needed(name) == ""
+    assert permission_needed("other:Task").endswith(f"export {TRUSTED}=other:Task")
 
 
 def test_file_names_hold_no_separators():
