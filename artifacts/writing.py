@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from artifacts.content import content_digest
 from artifacts.errors import ArtifactError
 from artifacts.schema import KINDS, Manifest, Parent, json_values
 from artifacts.store import Artifact, read_artifact
+from artifacts.version import ifo_version
 from artifacts.wording import naming
 
 
@@ -68,7 +68,7 @@ def write_artifact(
         kind=kind,
         schema_version=version,
         created=_now(),
-        ifo_version=_ifo_version(),
+        ifo_version=ifo_version(),
         config=values,
         seed=int(seed),
         command=command,
@@ -100,10 +100,3 @@ def _recorded(parent: str | Path | Artifact, child: Path) -> Parent:
 
 def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
-
-
-def _ifo_version() -> str:
-    try:
-        return metadata.version("ifo")
-    except metadata.PackageNotFoundError:
-        return "0.0.0+unknown"

@@ -80,18 +80,10 @@ _register("doctor", doctor.doctor, doctor.EXAMPLES)
 
 def _version(wanted: bool) -> None:
     if wanted:
-        print(f"ifo {version()}")
+        from artifacts.version import ifo_version
+
+        print(f"ifo {ifo_version()}")
         raise typer.Exit
-
-
-def version() -> str:
-    """The installed version of ifo."""
-    from importlib import metadata
-
-    try:
-        return metadata.version("ifo")
-    except metadata.PackageNotFoundError:
-        return "0.0.0+unknown"
 
 
 @app.callback()

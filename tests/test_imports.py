@@ -23,7 +23,7 @@ def module_of(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-MODULES = {module_of(path): path for folder in ("artifacts", "stages", "ifo_cli") for path in files(folder)}
+MODULES = {module_of(path): path for folder in ("artifacts", "ifo", "stages", "ifo_cli") for path in files(folder)}
 
 
 def only_for_types(node: ast.stmt) -> bool:
@@ -94,7 +94,7 @@ def test_the_top_of_stages_is_the_pipeline():
 
 def test_there_is_something_to_look_at():
     assert len(PARTS) > 8
-    for folder in ("artifacts", "stages", "ifo_cli", *(f"stages/{part}" for part in PARTS)):
+    for folder in ("artifacts", "ifo", "stages", "ifo_cli", *(f"stages/{part}" for part in PARTS)):
         assert len(files(folder)) > 1, folder
 
 
@@ -104,6 +104,11 @@ def test_artifacts_know_nothing_of_stages_or_commands():
 
 def test_stages_know_nothing_of_commands():
     assert offenders("stages", ["ifo_cli", "ifo"]) == []
+
+
+def test_the_public_api_knows_nothing_of_commands_and_nobody_of_it():
+    assert offenders("ifo", ["ifo_cli"]) == []
+    assert offenders("ifo_cli", ["ifo"]) == []
 
 
 @pytest.mark.parametrize("part", PARTS)
@@ -140,7 +145,7 @@ def test_the_search_for_circles_finds_one():
     assert circle({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == ["b", "c", "b"]
 
 
-@pytest.mark.parametrize("folder", ["artifacts", "stages", "ifo_cli"])
+@pytest.mark.parametrize("folder", ["artifacts", "ifo", "stages", "ifo_cli"])
 def test_no_file_is_too_long_to_read(folder):
     long = {str(path.relative_to(ROOT)): len(path.read_text(encoding="utf-8").splitlines()) for path in files(folder)}
     assert {name: lines for name, lines in long.items() if lines > LONGEST} == {}

@@ -1,12 +1,6 @@
-"""The Gymnasium face: importing this module registers `ifo/Reach-v0`, `ifo/Push-v0`, `ifo/Sweep-v0`, `ifo/Strike-v0`,
-`ifo/PushReal-v0` and the other household tasks.
+"""The tasks in Gymnasium: importing this module, or `ifo.envs`, registers `ifo/Reach-v0`, `ifo/PushReal-v0` and so on.
 
-`ifo/Task-v0` makes any other by `task_name`, such as `dm:reacher-easy`.
-
-import gymnasium
-import stages.simulation.gym_registration
-
-env = gymnasium.make("ifo/Reach-v0", contexts="narrow", pixels=True, render_mode="rgb_array")
+`ifo/Task-v0` makes any other task by `task_name`, such as `dm:reacher-easy`.
 """
 
 from __future__ import annotations

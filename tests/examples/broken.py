@@ -4,7 +4,7 @@ import numpy as np
 from dm_control import mjcf
 from glide import Glide
 
-from stages.simulation.task import Task
+from ifo import Task
 
 FAULT = ""
 

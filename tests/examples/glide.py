@@ -2,10 +2,8 @@
 
 import numpy as np
 
-from stages.simulation.contexts import ContextDistribution, Contexts, draw_camera
-from stages.simulation.task import State, Task
-from stages.simulation.tasks.fields import ModelFields
-from stages.simulation.tasks.scene import add_goal, add_table, make_scene
+from ifo import ContextDistribution, Contexts, State, Task
+from ifo.scene import ModelFields, add_goal, add_table, draw_camera, make_scene
 
 
 class Glide(Task):

@@ -8,9 +8,10 @@ import sys
 import textwrap
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from artifacts import read_png
+from artifacts import read_png, write_png
 
 ROOT = Path(__file__).parents[2]
 MODULE = """
@@ -89,6 +90,18 @@ def test_training_a_translator_says_what_later_stages_need(run_ifo, calls, make,
     path = make("demos", config={"task": "mine:Task"})
     assert "export IFO_TASKS=mine:Task" in run_ifo("train-translator", path)[2]
     assert "IFO_TASKS" not in run_ifo("train-translator", make("demos"))[2]
+
+
+def test_the_task_of_real_videos_is_typed_and_needs_no_permission(run_ifo, module, tmp_path):
+    for video in range(4):
+        for moment in range(6):
+            picture = np.full((48, 48, 3), 40 * video + moment, np.uint8)
+            write_png(tmp_path / "takes" / str(video) / f"{moment}.png", picture)
+    videos = sorted((tmp_path / "takes").iterdir())
+    words = ("import-demos", *videos, "--frames", "5", "--task", f"{module}:Fine", "--out", "x.demos.h5")
+    code, out, err = run_ifo(*words)
+    assert (code, out) == (0, "x.demos.h5\n"), err
+    assert f"export IFO_TASKS={module}:Fine" in err and "has 25 frames of 48x48 pixels" in err
 
 
 def test_help_lists_the_tasks_of_plug_ins(tmp_path):

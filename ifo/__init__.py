@@ -1,0 +1,78 @@
+"""The public Python API of ifo: what scripts, notebooks and users' own tasks may rely on.
+
+    import ifo
+
+    demos = ifo.read_artifact("runs/reach.demos.h5", "demos")
+    policy = ifo.load_policy("runs/reach-c0.policy.h5")
+
+Everything else, in the packages `stages` and `artifacts`, is internal and may change. Submodules: `ifo.scene` (parts
+of tasks), `ifo.envs` (Gymnasium) and `ifo.suite` (dm_control).
+
+Names are loaded on first use, so `import ifo` takes no time. What may import mujoco chooses its OpenGL backend first,
+since mujoco reads MUJOCO_GL when it is imported.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from artifacts import Artifact, ArtifactError, IfoError, PlatformError, UsageError, read_artifact
+    from ifo import envs, scene, suite
+    from ifo.api import TranslationReward, check_task, load_policy, make_task, verify
+    from stages.simulation.blame import TaskError
+    from stages.simulation.contexts import ContextDistribution, Contexts
+    from stages.simulation.task import State, Task
+
+    __version__: str
+
+_MODULE_OF = {
+    name: module
+    for module, names in {
+        "artifacts": ("Artifact", "ArtifactError", "IfoError", "PlatformError", "UsageError", "read_artifact"),
+        "ifo.api": ("TranslationReward", "__version__", "check_task", "load_policy", "make_task", "verify"),
+        "stages.simulation.blame": ("TaskError",),
+        "stages.simulation.contexts": ("ContextDistribution", "Contexts"),
+        "stages.simulation.task": ("State", "Task"),
+    }.items()
+    for name in names
+}
+_SUBMODULES = ("envs", "scene", "suite")
+
+__all__ = [
+    "Artifact",
+    "ArtifactError",
+    "ContextDistribution",
+    "Contexts",
+    "IfoError",
+    "PlatformError",
+    "State",
+    "Task",
+    "TaskError",
+    "TranslationReward",
+    "UsageError",
+    "__version__",
+    "check_task",
+    "envs",
+    "load_policy",
+    "make_task",
+    "read_artifact",
+    "scene",
+    "suite",
+    "verify",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _SUBMODULES:
+        return importlib.import_module(f"ifo.{name}")
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'ifo' has no attribute {name!r}")
+    value = getattr(importlib.import_module(_MODULE_OF[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
