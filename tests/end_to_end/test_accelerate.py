@@ -18,6 +18,7 @@ from stages.translation.training import TranslatorTraining
 
 pytest.importorskip("accelerate")
 ROOT = Path(__file__).resolve().parents[2]
+IFO = Path(sys.executable).with_name("ifo")
 OPTIONS = {"steps": 6, "videos": 4, "frames": 2, "groups": 2, "ema": 0.9, "evaluate_every": 3, "checkpoint_every": 2}
 WORDS = [word for name, value in OPTIONS.items() for word in (f"--{name.replace('_', '-')}", str(value))]
 
@@ -92,6 +93,13 @@ def train(folder, demos, *words, program=("-m", "ifo_cli")):
     return launch(folder, program, "train-translator", demos, "--preset", "toy", "--device", "cpu", *WORDS, *words)
 
 
+def write_namesakes(folder):
+    """Modules of the user's with the names of our packages, in the folder where the processes run."""
+    (folder / "stages").mkdir()
+    for name in ("artifacts.py", "stages/__init__.py"):
+        (folder / name).write_text("raise RuntimeError('this is the user's own')\n")
+
+
 def said(done):
     return [line for line in done.stderr.splitlines() if line.startswith("ifo: ")]
 
@@ -104,6 +112,7 @@ def assert_same(one, other):
 
 
 def test_two_processes_train_as_one_does_on_both_their_groups(tmp_path, demos, alone):
+    write_namesakes(tmp_path)
     out = tmp_path / "two.translator.h5"
     done = train(tmp_path, demos, "--out", out)
     assert done.returncode == 0, done.stderr
@@ -119,7 +128,10 @@ def test_dropout_and_augmentation_are_a_groups_whoever_computes_it(tmp_path, dem
     one, two = tmp_path / "one.translator.h5", tmp_path / "two.translator.h5"
     config = TranslatorConfig(**OPTIONS, arch="real", augment=True, lambda_align=0.2)
     train_translator(config, RunOptions(seed=7, device="cpu", workers=1, out=one), demos)
-    done = train(tmp_path, demos, "--arch", "real", "--augment", "--out", two)
+    write_namesakes(tmp_path)
+    # The form that README recommends, where the script is installed.
+    program = ("--no_python", str(IFO)) if IFO.exists() else ("-m", "ifo_cli")
+    done = train(tmp_path, demos, "--arch", "real", "--augment", "--out", two, program=program)
     assert done.returncode == 0, done.stderr
     assert_same(read_artifact(one), read_artifact(two))
 

@@ -1,0 +1,40 @@
+"""Our packages come before the user's modules of the same name.
+
+`python -m` puts the current folder first in `sys.path`, and PYTHONPATH comes before the installed packages. A user's
+artifacts.py or stages/ there would be imported in place of ours.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from importlib.machinery import PathFinder
+
+PACKAGES = ("artifacts", "stages")
+
+
+def put_our_packages_first(home: str) -> None:
+    """Move the entries of `sys.path` that hold modules of our names to right behind `home`.
+
+    They stay on the path, because users' tasks are found there. Child processes inherit the order.
+
+    Args:
+        home: The folder that holds our packages. It joins the path if it is not there (editable installs).
+
+    Raises:
+        ImportError: Another module of one of our names has already been imported.
+    """
+    home = os.path.realpath(home)
+    for name in PACKAGES:
+        if (module := sys.modules.get(name)) is not None:
+            _check_is_ours(name, getattr(module, "__file__", None) or "", home)
+    entries = [os.path.realpath(entry) for entry in sys.path]
+    at = entries.index(home) if home in entries else len(entries)
+    shadows = [entry for entry in sys.path[:at] if any(PathFinder.find_spec(name, [entry]) for name in PACKAGES)]
+    if shadows:
+        sys.path[:] = [*(entry for entry in sys.path[:at] if entry not in shadows), home, *shadows, *sys.path[at + 1 :]]
+
+
+def _check_is_ours(name: str, file: str, home: str) -> None:
+    if not os.path.realpath(file).startswith(os.path.join(home, name) + os.sep):
+        raise ImportError(f"the imported module {name!r} ({file}) has the name of a package of ifo: rename it")
