@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from artifacts.video import (
         caption,
         contact_sheet,
+        open_video,
         read_mp4,
         read_png,
         tile_videos,
@@ -49,6 +50,7 @@ _MODULE_OF = {
         "video": (
             "caption",
             "contact_sheet",
+            "open_video",
             "read_mp4",
             "read_png",
             "tile_videos",
@@ -86,6 +88,7 @@ __all__ = [
     "content_of",
     "default_path",
     "is_unchanged",
+    "open_video",
     "pack",
     "read_artifact",
     "read_checkpoint",

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,8 @@ LARGE = 128  # pixels of a frame's height that is shown as it is
 GRID_WIDTH = 1536  # pixels of an overview's MP4, at most
 BACKGROUND = 255
 INK = (0, 0, 0)
+# The containers that are read. A playlist named x.mp4 would make FFmpeg open any file or address that it lists.
+FORMATS = "mov,avi,matroska,gif,mpegts,mpeg,asf,flv,ogg"
 
 
 def upscale(frames: np.ndarray, factor: int) -> np.ndarray:
@@ -54,8 +57,23 @@ def write_mp4(
     return Path(path)
 
 
+def open_video(path: str | Path) -> Any:
+    """Open a video file for reading, as a PyAV container. Behaves the same from PyAV 14 to PyAV 19.
+
+    Raises:
+      av.error.FFmpegError, OSError, ValueError: the file is missing, or not a video in one of `FORMATS`.
+    """
+    import av
+
+    # Up to version 18, metadata that is not UTF-8 raises an error unless told otherwise; version 19 never raises.
+    lenient: dict[str, Any] = {} if int(av.__version__.split(".")[0]) >= 19 else {"metadata_errors": "ignore"}
+    # "file:", because a name such as concat:x.mp4 would be taken for a protocol. Not `options`: up to version 16 those
+    # go to the streams as well, and crash the interpreter where streams appear only while reading (MPEG-PS).
+    return av.open(f"file:{path}", container_options={"format_whitelist": FORMATS}, **lenient)
+
+
 def read_mp4(path: str | Path) -> np.ndarray:
-    """Read a video (any that FFmpeg reads) as (T, H, W, 3) uint8.
+    """Read a video, an MP4 or another of `FORMATS`, as (T, H, W, 3) uint8.
 
     Raises:
       ArtifactError: missing, truncated, or not a video.
@@ -65,7 +83,7 @@ def read_mp4(path: str | Path) -> np.ndarray:
     frames: list[np.ndarray] = []
     packets = 0
     try:
-        with av.open(str(path)) as container:
+        with open_video(path) as container:
             stream = container.streams.video[0]
             expected = stream.frames
             for packet in container.demux(stream):

@@ -10,11 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from artifacts import ArtifactError
+from artifacts import ArtifactError, open_video
 
 SMALLEST, LARGEST = 16, 16384  # pixels a side
-# A playlist called x.mp4 would have FFmpeg open whatever files and addresses it names; these name none.
-FORMATS = "mov,avi,matroska,gif,mpegts,mpeg,asf,flv,ogg"
 WITHOUT_DISPLAY_TIMES = ("avi", "mpeg")  # these do not stamp every frame with its time of display
 STRETCH = 8  # pixels longer than this times their height are a wrong entry
 LOST_FRAMES, LOST_SECONDS = 0.02, 0.2  # headers err a little; more than this share, or time, is missing
@@ -189,16 +187,18 @@ class _ByCount:
 
 
 def _decoded(container: Any, stream: Any, wanted: frozenset[int] | None) -> Iterator[Any]:
-    """Frames from where the container stands; of those that are not wanted, only what others are decoded from."""
+    """Frames from where the container stands, decoding what is wanted and the frames that others refer to."""
     import av
 
     context = stream.codec_context
+    # Decoders of other libraries (libdav1d for AV1) read skip_frame only once, when they open.
+    skips = not context.name.startswith("lib")
     try:
         for packet in container.demux(stream):
             if packet.is_corrupt:
                 continue
             needed = wanted is None or packet.pts is None or packet.pts in wanted
-            context.skip_frame = "DEFAULT" if needed else "NONREF"
+            context.skip_frame = "DEFAULT" if needed or not skips else "NONREF"
             try:
                 frames = packet.decode()
             except av.error.FFmpegError:
@@ -220,8 +220,7 @@ def _open(path: Path) -> tuple[Any, Any]:
     import av
 
     try:
-        # "file:", because a name such as concat:x.mp4 would be taken for a protocol.
-        container = av.open(f"file:{path}", options={"format_whitelist": FORMATS}, metadata_errors="ignore")
+        container = open_video(path)
     except PermissionError as error:
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error
     except (av.error.FFmpegError, OSError, ValueError) as error:

@@ -54,6 +54,7 @@ def write_video(
     container: dict[str, str] | None = None,
     audio: int = 0,
     rate: int = FPS,
+    metadata: dict[str, str] | None = None,
 ) -> Path:
     """Write `count` frames, 10 a second.
 
@@ -64,14 +65,14 @@ def write_video(
         milliseconds: Time stamps in place of 10 a second.
         audio: Seconds of sound beside it.
         rate: Frames a second in place of 10.
+        metadata: Title and the like.
     """
     with av.open(str(path), "w", options=container or {}) as file:
+        file.metadata.update(metadata or {})
         stream = file.add_stream(codec, rate=rate)
         stored = np.rot90(picture(0, *size), -turns)[:, ::stretch]
         stream.height, stream.width, stream.pix_fmt = *stored.shape[:2], pixels
         stream.options = options or {}
-        if turns:
-            stream.set_display_rotation({1: 90, 2: 180, 3: -90}[turns])
         if stretch > 1:
             stream.codec_context.sample_aspect_ratio = Fraction(stretch)
         if milliseconds:
@@ -89,7 +90,22 @@ def write_video(
         file.mux(stream.encode())
         if audio:
             file.mux(_sound(sound, audio))
+    if turns:
+        set_rotation(path, turns)
     return path
+
+
+def set_rotation(path: Path, turns: int) -> None:
+    """Write the display matrix of an MP4's or MOV's first track: quarter turns, anticlockwise.
+
+    In the bytes, because only PyAV 17 and later have `set_display_rotation`.
+    """
+    a, b = {0: (1, 0), 1: (0, -1), 2: (-1, 0), 3: (0, 1)}[turns]
+    data = bytearray(path.read_bytes())
+    matrix = data.index(b"tkhd") + 44  # Version 0: 32 bits for each time.
+    for at, value in {0: a, 4: b, 12: -b, 16: a}.items():
+        data[matrix + at : matrix + at + 4] = (value << 16).to_bytes(4, "big", signed=True)
+    path.write_bytes(bytes(data))
 
 
 def write_sound(path: Path, seconds: int = 1) -> Path:
