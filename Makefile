@@ -7,7 +7,7 @@ STAMP := .venv/.stamp
 PATH := $(CURDIR)/.venv/bin:$(PATH)
 export PATH
 
-.PHONY: help setup demo test slow check format bench clean
+.PHONY: help setup demo test slow check format bench fresh clean
 
 help: ## Show the targets.
 	@grep -E '^[a-z]+:.*##' $(firstword $(MAKEFILE_LIST)) | sed -E 's/^([a-z]+):[^#]*## /  make \1	/' | expand -t 15
@@ -44,6 +44,9 @@ format: setup ## Mend lint and formatting.
 
 bench: setup ## Run the benchmarks that take minutes; one JSON line each. (translator_learning.py takes an hour.)
 	@for benchmark in $(filter-out %/translator_learning.py,$(wildcard benchmarks/*.py)); do python "$$benchmark"; done
+
+fresh: ## Try the current commit on a bare Debian in a temporary folder (root, debootstrap); TESTS=... chooses the tests.
+	@TESTS="$(TESTS)" bash .ci/fresh.sh
 
 clean: ## Remove caches and the virtual environment; runs/ stays.
 	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
