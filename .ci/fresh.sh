@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Try the current commit on a bare Debian 12 that has only git and make: set-up, `ifo doctor`, the toy pipe and a
-# sample of the tests. Needs root and debootstrap. TMPDIR says where the folder goes (7 GB), TESTS which tests run.
+# sample of the tests. Needs root and debootstrap. TMPDIR is where the folder goes (4 GB, or 8 GB with the CUDA build
+# of torch); TESTS chooses the tests.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 # shellcheck source=.ci/apt.sh
