@@ -46,6 +46,65 @@ def test_videos_of_one_tempo_keep_it():
     assert np.abs(index - times)[:, :12].mean() < 0.5
 
 
+def test_where_a_video_begins_is_no_matter_of_time():
+    """A translation keeps something of its source's context in every frame: that must not be taken for progress."""
+    times = playback(np.random.default_rng(0), 12, T, jitter=0.4)
+    videos = sequences(times, noise=0.0)
+    apart = 0.7 * np.random.default_rng(2).normal(size=(12, 1, 6))
+    index = common_index(videos)
+    np.testing.assert_allclose(common_index(videos + apart), index, atol=1e-6)
+    assert spread(times, index) < spread(times, np.tile(np.arange(T), (12, 1))) / 2
+
+
+def test_the_unit_of_features_and_what_never_changes_are_no_matter_of_time():
+    times = playback(np.random.default_rng(0), 6, T, jitter=0.4)
+    videos = sequences(times)
+    index = common_index(videos)
+    np.testing.assert_allclose(common_index(50 * videos), index, atol=1e-4)
+    still = np.tile(np.random.default_rng(3).normal(size=(6, 1, 40)), (1, T, 1))
+    np.testing.assert_allclose(common_index(np.concatenate([videos, still], axis=2)), index, atol=1e-4)
+    np.testing.assert_allclose(common_index(videos.astype(np.float32)), index, atol=1e-2)
+
+
+def test_noise_is_not_warped():
+    """The clock among the features holds frames in place that nothing else tells apart."""
+    videos = np.random.default_rng(4).normal(size=(16, T, 4))
+    index = common_index(videos)
+    late = np.abs(index - np.arange(T)).mean()
+    assert late < 2.5, "soft-DTW without a clock moves them by more than three frames"
+
+
+def test_features_that_never_move_or_are_no_numbers_keep_equal_times():
+    equal = np.tile(np.arange(5.0), (3, 1))
+    np.testing.assert_array_equal(common_index(np.ones((3, 5, 4), np.float32)), equal)
+    broken = np.random.default_rng(0).normal(size=(3, 5, 4))
+    broken[1, 2, 3] = np.nan
+    np.testing.assert_array_equal(common_index(broken), equal)
+
+
+def test_frames_of_a_video_are_on_average_one_apart_in_scaled_features():
+    rng = np.random.default_rng(0)
+    turned = np.linalg.qr(rng.normal(size=(4, 4)))[0]
+    videos = rng.normal(size=(40, T, 4)) * [1.0, 0.1, 0.04, 0.02] @ turned  # the last has 4e-4 of the first's variance
+    scaled = alignment._scaled(videos)
+    assert scaled.dtype == np.float64 and scaled.shape == (40, T, 3)
+    assert not scaled[:, 0].any()
+    apart = np.square(scaled[:, :, None] - scaled[:, None]).sum(axis=3)
+    assert apart.mean() == pytest.approx(1.0, rel=0.02)
+    assert alignment._scaled(np.random.default_rng(0).normal(size=(40, T, 30))).shape[2] == 16, "sixteen at most"
+
+
+def test_a_clock_costs_what_the_last_frames_differ_by():
+    scaled = np.random.default_rng(0).normal(size=(5, T, 2))
+    scaled[:, -1] = [[3, 0], [-3, 0], [0, 3], [0, -3], [0, 0]]
+    clocked = alignment._with_clock(scaled, np.arange(T))
+    np.testing.assert_array_equal(clocked[..., :2], scaled)
+    noise = 4 * 9 / 5
+    two_late = np.square(clocked[:, 9, 2] - clocked[:, 7, 2])
+    np.testing.assert_allclose(two_late, noise * (2 / alignment.EARLY_OR_LATE) ** 2)
+    assert (clocked[:, 0, 2] == 0).all()
+
+
 def test_values_between_frames_are_interpolated():
     values = torch.arange(12.0).reshape(2, 3, 2)
     index = np.array([[0.0, 0.5, 2.0], [0.25, 1.0, 1.75]])

@@ -1,0 +1,132 @@
+"""The training loop: what its curve holds, when it checkpoints, what it resumes, and where it gives up."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from artifacts import Interrupted, UsageError
+from stages.config.stages import TranslatorConfig
+from stages.runtime.checkpoints import Checkpoints
+from stages.runtime.progress import Progress
+from stages.runtime.run import RunOptions
+from stages.translation.training import TranslatorTraining, train
+
+CONFIG = TranslatorConfig(steps=10, videos=3, frames=2, evaluate_every=4, checkpoint_every=3)
+FRAMES = torch.randint(0, 256, (5, 4, 16, 16, 3), dtype=torch.uint8, generator=torch.Generator().manual_seed(0))
+
+
+class Recorded(Checkpoints):
+    """Checkpoints that remember the steps they were written at."""
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.steps = []
+
+    def save(self, state):
+        super().save(state)
+        self.steps.append(state["training"]["step"])
+
+
+@pytest.fixture
+def loop(tmp_path):
+    """A function that trains: (training, curve, steps evaluated at, steps checkpointed at)."""
+
+    def run(name="x", config=CONFIG, stop=None, resume=True, seed=3, change=None, progress=None):
+        training = TranslatorTraining(config, FRAMES, seed, "cpu")
+        if change is not None:
+            change(training)
+        evaluated = []
+        options = RunOptions(
+            seed=seed, resume=resume, progress=progress or Progress(quiet=True), command="ifo train-translator x"
+        )
+        out = tmp_path / f"{name}.translator.h5"
+        checkpoints = Recorded(options, out, "train-translator", {"steps": config.steps}, [])
+
+        def evaluate(model):
+            assert model is training.average
+            if stop is not None and training.step >= stop:
+                raise KeyboardInterrupt
+            evaluated.append(training.step)
+            return {"psnr": 10.0 + training.step, "copy_psnr": 9.0, "ssim": 0.5, "feature_ratio": 0.7}
+
+        try:
+            curve = train(training, evaluate, options, out, checkpoints)
+        except Interrupted as error:
+            curve = error
+        return training, curve, evaluated, checkpoints.steps
+
+    return run
+
+
+def test_evaluates_regularly_and_at_the_end_and_keeps_checkpoints_on_the_way(loop):
+    training, curve, evaluated, kept = loop()
+    assert training.step == 10
+    assert evaluated == [4, 8, 10]
+    assert kept == [3, 6, 9]
+    losses, metrics = ("trans", "rec", "align"), ("psnr", "copy_psnr", "ssim", "feature_ratio")
+    assert set(curve) == {"step", "seconds", *(f"train/{n}" for n in losses), *(f"held_out/{n}" for n in metrics)}
+    assert curve["step"] == [4.0, 8.0, 10.0]
+    assert curve["held_out/psnr"] == [14.0, 18.0, 20.0]
+    assert all(0 < seconds < 60 for seconds in curve["seconds"])
+    again = TranslatorTraining(CONFIG, FRAMES, 3, "cpu")
+    told = [again.train_step() for _ in range(10)]
+    for name in losses:
+        assert curve[f"train/{name}"] == [float(told[step - 1][name]) for step in (4, 8, 10)]
+
+
+def test_the_last_step_is_not_checkpointed_since_the_artifact_follows(loop):
+    assert loop(config=dataclasses.replace(CONFIG, steps=6))[3] == [3]
+
+
+def test_no_steps_are_measured_once(loop):
+    training, curve, evaluated, kept = loop(config=dataclasses.replace(CONFIG, steps=0))
+    assert (training.step, evaluated, kept) == (0, [0], [])
+    assert curve["step"] == [0.0] and curve["held_out/psnr"] == [10.0] and "train/rec" not in curve
+
+
+def test_an_interrupted_training_resumes_with_the_same_weights_and_curve(loop):
+    whole, curve, _, _ = loop("whole")
+    _, interrupted, evaluated, kept = loop("parts", stop=8)
+    assert "interrupted after 8 of 10 steps" in str(interrupted)
+    assert (evaluated, kept) == ([4], [3, 6])
+    resumed, continued, evaluated, kept = loop("parts")
+    assert (evaluated, kept) == ([8, 10], [9]), "it goes on from step 6"
+    for name, values in curve.items():
+        assert len(continued[name]) == 3
+        if name != "seconds":
+            assert continued[name] == values, name
+    for name, value in whole.average.state_dict().items():
+        assert torch.equal(value, resumed.average.state_dict()[name]), name
+
+
+def test_seconds_of_a_resumed_evaluation_count_those_before_the_checkpoint(loop, monkeypatch):
+    clock = iter(np.arange(0.0, 1e4, 1.0))
+    monkeypatch.setattr("stages.translation.training.time.monotonic", lambda: float(next(clock)))
+    _, curve, _, _ = loop("whole", dataclasses.replace(CONFIG, steps=9, evaluate_every=9, checkpoint_every=6))
+    (together,) = curve["seconds"]
+    loop("parts", dataclasses.replace(CONFIG, steps=9, evaluate_every=9, checkpoint_every=6), stop=9)
+    _, curve, _, _ = loop("parts", dataclasses.replace(CONFIG, steps=9, evaluate_every=9, checkpoint_every=6))
+    assert curve["seconds"] == [pytest.approx(together, abs=4)]
+    assert together > 8
+
+
+def test_losses_that_are_no_numbers_stop_the_training(loop):
+    def spoil(training):
+        next(training.model.parameters()).data.fill_(float("nan"))
+
+    with pytest.raises(UsageError, match=r"--learning-rate 0\.001.* 4 steps") as caught:
+        loop(change=spoil)
+    assert "\n" not in str(caught.value)
+
+
+def test_says_how_long_it_took_and_how_far_it_is(loop, capsys):
+    loop("told", progress=Progress())
+    said = capsys.readouterr().err
+    assert "train-translator (compact): 10/10 steps" in said
+    assert "trans" in said and "psnr 20" in said and "ssim 0.5" in said
+    assert "translator: 10 steps in" in said
+    loop("parts", stop=8)
+    loop("parts", progress=Progress())
+    assert "translator: 4 steps in" in capsys.readouterr().err
