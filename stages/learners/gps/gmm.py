@@ -98,7 +98,8 @@ def fit_mixture(
 
 def _nearest(points: np.ndarray, clusters: int, rng: np.random.Generator) -> np.ndarray:
     """Responsibilities (N, K): each point belongs to the nearest, in standard deviations, of K of them."""
-    scaled = points / (points.std(axis=0) + 1e-8)
+    # Centred: the squares below would otherwise drown in rounding where a dimension is constant and not zero.
+    scaled = (points - points.mean(axis=0)) / (points.std(axis=0) + 1e-8)
     centres = scaled[rng.choice(len(points), clusters, replace=False)]
     squares = np.square(scaled).sum(axis=1)[:, None] - 2 * scaled @ centres.T + np.square(centres).sum(axis=1)
     return np.eye(clusters)[squares.argmin(axis=1)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from scipy.stats import kendalltau
 
 from stages.reporting.plots import plot_quality
 from stages.rewards.quality import EPISODES, WAY, reward_quality
@@ -46,14 +47,14 @@ def quality(scene):
         episode = rollout(task, context, *task.context_state(context), act=act)
         truth = pool.render(task.model_fields(context), episode.frame_qpos(task))[0]
 
-        def judge(change):
+        def judge(change, image_weight=1.0):
             images, moving = (to_images(torch.from_numpy(video.copy())) for video in (change(truth), truth))
             with torch.no_grad():
                 features = model.encode(images)
                 scales = float(motion(model.encode(moving)[None])), float(motion(moving[None]))
             target = TrackingTarget(features, images, *scales)
             return reward_quality(
-                task, context, lambda contexts, rng: act, model, target, pool, np.random.default_rng(1), 1.0
+                task, context, lambda contexts, rng: act, model, target, pool, np.random.default_rng(1), image_weight
             )
 
         yield judge
@@ -88,3 +89,22 @@ def test_curves_hold_every_episode_and_frame(scene, quality):
 
 def test_the_same_generator_gives_the_same_figures(quality):
     assert quality(lambda truth: truth).metrics == quality(lambda truth: truth).metrics
+
+
+@pytest.mark.parametrize(("ramp", "weights"), [("none", np.ones(25)), ("quadratic", np.arange(25) ** 2 / 196)])
+def test_returns_are_weighted_over_time_as_the_learners_will_be(scene, quality, monkeypatch, ramp, weights):
+    """196 is the mean of 0, 1, 4, ... 576: the ramp's weights are one on average."""
+    task = scene[0]
+    monkeypatch.setattr(task, "ramp", ramp)
+    judged = quality(lambda truth: truth, image_weight=0.25)
+
+    def total(kind):
+        reward = judged.curves[f"{kind}/feat"] + 0.25 * judged.curves[f"{kind}/img"]
+        return (reward * weights)[:, 1:].sum(axis=1)
+
+    returns = []
+    for kind in ("expert", "noisy", "random"):
+        returns.append(total(kind))
+        assert judged.metrics[f"return_{kind}"] == pytest.approx(returns[-1].mean(), rel=1e-6)
+    assert judged.metrics["tau_way"] == pytest.approx(kendalltau(total("way"), np.linspace(0, 1, 11)).statistic)
+    assert judged.metrics["tau_returns"] > 0.5

@@ -162,7 +162,7 @@ def test_a_batch_is_of_different_videos_at_the_same_later_times():
 def test_a_batch_takes_what_there_is_where_more_is_asked_for():
     training = start(dataclasses.replace(CONFIG, videos=16, frames=9, pairings=9, rec_frames=9), coded(n=3))
     images, contexts, sources, reconstructed = training._batch()
-    videos, times = decoded(images)
+    _, times = decoded(images)
     assert sorted(decoded(contexts)[0]) == [0, 1, 2]
     assert (times == [1, 2, 3, 4]).all()
     assert sorted(int(source[0]) for source in sources) == [1, 2]
