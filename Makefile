@@ -7,7 +7,7 @@ STAMP := .venv/.stamp
 PATH := $(CURDIR)/.venv/bin:$(PATH)
 export PATH
 
-.PHONY: help setup demo test slow check format bench fresh clean
+.PHONY: help setup demo test slow mutants check format bench fresh clean
 
 help: ## Show the targets.
 	@grep -E '^[a-z]+:.*##' $(firstword $(MAKEFILE_LIST)) | sed -E 's/^([a-z]+):[^#]*## /  make \1	/' | expand -t 15
@@ -32,6 +32,12 @@ test: setup ## Run the tests that take seconds.
 
 slow: setup ## Run the tests that take minutes.
 	@pytest -m slow
+
+SEED ?= 1
+mutants: setup ## Break the code in a random sample of places (SEED=1) and count what the tests notice: takes an hour.
+	@python -c 'import importlib.util, sys; sys.exit(not importlib.util.find_spec("mutmut"))' \
+	    || python -m pip install --quiet -e '.[mutants]' -c constraints.txt
+	@python tests/mutation/mutants.py --seed $(SEED)
 
 check: setup ## Lint, formatting and types.
 	@ruff check .
