@@ -17,14 +17,15 @@ $(STAMP): pyproject.toml constraints.txt .ci/setup.sh
 
 setup: $(STAMP) ## Make .venv with everything that ifo needs.
 
-demo: setup ## The main job: learn to reach from videos of other contexts, preset quick.
-	@mkdir -p runs && touch runs/.demo
+demo: setup ## The main job: learn to reach from videos of other contexts, preset quick. Run it again to resume.
+	@mkdir -p runs
 	@ifo collect-demos reach --preset quick | ifo train-translator --resume | ifo translate | ifo learn-policy --resume \
-	    | ifo evaluate --json > runs/demo.json
-	@echo "Final distance to the goal, 1 being the distance at the start:"
+	    | ifo evaluate --json > runs/demo.json.part
+	@mv runs/demo.json.part runs/demo.json
+	@echo "Normalized final distance to the goal (1: the distance at the start):"
 	@python -m json.tool runs/demo.json | grep -E '"normalised_distance(_stochastic)?":|"success_[a-z]+":'
 	@echo "All figures: runs/demo.json. Videos:"
-	@find runs -maxdepth 1 -name '*.mp4' -newer runs/.demo | sort | sed 's/^/  /'
+	@ls runs/reach.demos.mp4 runs/reach-c0.*.mp4 | sed 's/^/  /'
 
 test: setup ## Run the tests that take seconds.
 	@bash .ci/browser.sh
