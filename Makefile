@@ -7,7 +7,7 @@ STAMP := .venv/.stamp
 PATH := $(CURDIR)/.venv/bin:$(PATH)
 export PATH
 
-.PHONY: help setup demo test slow mutants check format bench fresh clean
+.PHONY: help setup demo test slow package mutants check format bench fresh clean
 
 help: ## Show the targets.
 	@grep -E '^[a-z]+:.*##' $(firstword $(MAKEFILE_LIST)) | sed -E 's/^([a-z]+):[^#]*## /  make \1	/' | expand -t 15
@@ -39,6 +39,9 @@ mutants: setup ## Break the code in a random sample of places (SEED=1) and count
 	@python -c 'import importlib.util, sys; sys.exit(not importlib.util.find_spec("mutmut"))' \
 	    || python -m pip install --quiet -e '.[mutants]' -c constraints.txt
 	@python tests/mutation/mutants.py --seed $(SEED)
+
+package: setup ## Build the package, install it in a new environment and run the toy pipeline there.
+	@pytest -m install -rs
 
 check: setup ## Lint, formatting and types.
 	@ruff check .

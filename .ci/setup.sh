@@ -12,10 +12,19 @@ readonly TORCH_CPU_INDEX=https://download.pytorch.org/whl/cpu
 say() { echo "setup: $*" >&2; }
 die() { say "$*"; exit 4; }
 
+# dm-control needs labmaze, which has no wheel for later versions. The same range as requires-python in pyproject.toml.
+readonly PYTHONS="Python 3.11 or 3.12"
+suits() { "$1" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 13))' 2>/dev/null; }
+
 find_python() {
     local candidate
-    for candidate in ${PYTHON:-} python3 python3.13 python3.12 python3.11; do
-        if "$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
+    if [ -n "${PYTHON:-}" ]; then
+        suits "$PYTHON" || die "PYTHON=$PYTHON is $("$PYTHON" --version 2>&1 || true): ifo needs $PYTHONS"
+        echo "$PYTHON"
+        return
+    fi
+    for candidate in python3 python3.12 python3.11; do
+        if suits "$candidate"; then
             echo "$candidate"
             return
         fi
@@ -26,11 +35,11 @@ find_python() {
         find_python again
         return
     fi
-    die "ifo needs Python 3.11 or later, found $(python3 --version 2>&1 || true): install it, or name it: make PYTHON=python3.12"
+    die "ifo needs $PYTHONS, found $(python3 --version 2>&1 || true): install one, or name it: make PYTHON=/path/to/python3.12"
 }
 
 make_venv() {
-    [ -x $VENV/bin/python ] && $VENV/bin/python -m pip --version >/dev/null 2>&1 && return
+    suits $VENV/bin/python && $VENV/bin/python -m pip --version >/dev/null 2>&1 && return
     local python
     python=$(find_python)
     say "making $VENV with $("$python" --version)"

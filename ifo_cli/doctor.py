@@ -20,7 +20,7 @@ EXAMPLES = (
     "ifo doctor",
     "ifo doctor --json",
 )
-OLDEST_PYTHON = (3, 11)
+PYTHONS = ((3, 11), (3, 12))  # as requires-python in pyproject.toml
 MUJOCO_MAJOR = 3
 FEWEST_COLOURS = 4  # of a drawn frame; a driver that fails silently gives one
 REINSTALL = "install ifo again: pip install -e ."
@@ -70,8 +70,8 @@ def _run(name: str, examine: Callable[[], str], mend: str) -> Check:
 
 def _python() -> str:
     found = f"{platform.python_version()} on {platform.platform()}"
-    if sys.version_info[:2] < OLDEST_PYTHON:
-        raise PlatformError(f"{found}, expected at least {'.'.join(map(str, OLDEST_PYTHON))}")
+    if sys.version_info[:2] not in PYTHONS:
+        raise PlatformError(f"{found}, expected {' or '.join(f'{major}.{minor}' for major, minor in PYTHONS)}")
     return found
 
 
@@ -152,7 +152,7 @@ def _frame() -> str:
 
 
 CHECKS: dict[str, tuple[Callable[[], str], str]] = {
-    "python": (_python, "install Python 3.11 or later"),
+    "python": (_python, "install ifo with Python 3.11 or 3.12"),
     "torch": (_torch, REINSTALL),
     "mujoco": (_mujoco, "pip install 'mujoco>=3.17,<4'"),
     "dm-control": (_dm_control, REINSTALL),

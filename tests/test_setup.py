@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -17,6 +19,8 @@ REASON = "no OpenGL backend works here (EGL: PyOpenGL finds no libOpenGL.so.0); 
 # Stands in for .venv/bin/python; `renders` is how often the probe fails before it succeeds.
 PYTHON = """#!/usr/bin/env bash
 case "$*" in
+    *version_info*) exit "${UNSUITED:-0}" ;;
+    --version) echo "Python 3.13.0" ;;
     "-m pip install"*) echo "$*" >> pip.log; echo "WARNING: of pip"; exit "${PIP_STATUS:-0}" ;;
     *choose_backend*)
         failures=$(cat failures)
@@ -32,6 +36,16 @@ APT = """#!/usr/bin/env bash
 echo "$*" >> apt.log
 echo "debconf: delaying package configuration" >&2
 exit "${APT_STATUS:-0}"
+"""
+
+
+# Stands in for an interpreter of which `make` is told, or which lies on the PATH.
+OTHER_PYTHON = """#!/bin/sh
+case "$*" in
+    *version_info*) exit 1 ;;
+    --version) echo "Python 3.13.0" ;;
+    *) exit 1 ;;
+esac
 """
 
 
@@ -112,6 +126,38 @@ def test_setup_shows_why_apt_failed(set_up, tmp_path):
     assert done.stderr.splitlines()[-1].startswith(f"setup: {REASON}")
 
 
+def write_program(path, text):
+    path.write_text(text)
+    path.chmod(0o755)
+    return path
+
+
+def test_setup_refuses_a_python_that_is_too_new(set_up, tmp_path):
+    """Instead of a resolution that fails after minutes: not every package has a wheel for it."""
+    python = write_program(tmp_path / "bin/python9", OTHER_PYTHON)
+    done = set_up(failures=0, UNSUITED="1", PYTHON=str(python))
+    assert done.returncode == 4
+    assert done.stderr == f"setup: PYTHON={python} is Python 3.13.0: ifo needs Python 3.11 or 3.12\n"
+
+
+def test_setup_says_which_python_is_missing(set_up, tmp_path):
+    for name in ("python3", "python3.12", "python3.11"):
+        write_program(tmp_path / "bin" / name, OTHER_PYTHON)
+    done = set_up(failures=0, UNSUITED="1", USER_ID="1000")
+    assert done.returncode == 4
+    assert done.stderr.startswith("setup: ifo needs Python 3.11 or 3.12, found Python 3.13.0: install one, or name it:")
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(("version", "suits"), [("(3, 10, 9)", 0), ("(3, 11)", 1), ("(3, 12, 9)", 1), ("(3, 13)", 0)])
+def test_setup_takes_the_pythons_of_the_package(version, suits, tmp_path):
+    """Read from the script itself: what it runs in the interpreter, on another version."""
+    script = (ROOT / ".ci/setup.sh").read_text()
+    [program] = re.findall(r"suits\(\) \{ \"\$1\" -c '(.*?)'", script)
+    done = subprocess.run([sys.executable, "-c", program.replace("sys.version_info", version)], timeout=60)
+    assert done.returncode == (not suits)
+
+
 def test_setup_fails_where_pip_fails(set_up, tmp_path):
     done = set_up(failures=0, PIP_STATUS="1")
     assert done.returncode == 4
@@ -129,6 +175,8 @@ def test_old_source_distributions_are_built_by_the_supported_route(set_up, tmp_p
 
 
 def test_the_packages_for_rendering_are_listed_once():
+    if not (ROOT / ".git").exists():
+        pytest.skip("not a git checkout")
     tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     texts = {
         name: (ROOT / name).read_text(errors="replace")
