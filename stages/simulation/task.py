@@ -1,4 +1,4 @@
-"""What a task is: one definition, written for arrays of simulations, that every face of it shares."""
+"""What a task is: one definition, written for arrays of simulations, that the batch, dm_control and Gymnasium share."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class State:
-    """Where `n` simulations are.
+    """State of `n` simulations.
 
     Attributes:
-        qpos: Joint positions (n, nq), radians, or metres of what slides.
-        qvel: Joint velocities (n, nv), the same a second.
+        qpos: Joint positions (n, nq), radians for hinges, metres for slides.
+        qvel: Joint velocities (n, nv), radians or metres per second.
         site_xpos: World positions of the model's sites (n, nsite, 3), metres.
-        time: Time since the episode's start (n,), seconds.
-        ctrl: The action that led here (n, nu), zeros at the start.
+        time: Time since the start of the episode (n,), seconds.
+        ctrl: The action that led to this state (n, nu); zeros at the start.
     """
 
     qpos: np.ndarray
@@ -40,19 +40,19 @@ class Task(ABC):
     """A manipulation task, defined once for the batch, dm_control and Gymnasium.
 
     Attributes:
-        name: What the command line calls it.
-        factors: What can vary between its contexts; `default_factors` of these do unless the user says otherwise.
-        frame_size: Height and width of a frame, pixels.
-        control_steps: Control steps an episode.
-        substeps: Physics steps a control step.
+        name: The task's name on the command line.
+        factors: What can vary between contexts; by default only `default_factors` do.
+        frame_size: Height and width of a frame, pixels, in multiples of 4.
+        control_steps: Control steps per episode.
+        substeps: Physics steps per control step.
         frame_every: Control steps between two frames.
-        success_threshold: Normalised final distance below which a run succeeds (the paper's criterion).
-        expert_threshold: Normalised final distance below which a demonstration is kept.
-        ramp: How the paper weights the reward over time in this task: `none` or `quadratic`.
-        truncates: Whether the last control step merely cuts the episode off, so that values go on beyond it.
-        camera: The camera that contexts place: its name or id in the model.
-        oversampling: Frames are drawn so many times as high and wide, and each block's mean is a pixel. Real footage is
-            reduced so; where demonstrations are none, sharp pixels do as well, and are drawn faster.
+        success_threshold: A run succeeds below this normalized final distance (the paper's criterion).
+        expert_threshold: A demonstration is kept below this normalized final distance.
+        ramp: Weight of the reward over time in the paper's experiments: `none` or `quadratic`.
+        truncates: Whether the episode is cut off at the last control step, so that values extend beyond it.
+        camera: Name or id of the camera that contexts place.
+        oversampling: Frames are rendered this many times as high and wide, and averaged over blocks, as real footage
+            is when it is reduced. 1 is faster, and sufficient where no demonstration is real.
     """
 
     name: str
@@ -71,7 +71,7 @@ class Task(ABC):
 
     @property
     def frames(self) -> int:
-        """Frames a video, T: one at every `frame_every`-th control step, the first at the start."""
+        """Frames per video, T: one at every `frame_every`-th control step, the first at the start."""
         return -(-self.control_steps // self.frame_every)
 
     @abstractmethod
@@ -91,12 +91,12 @@ class Task(ABC):
 
     @property
     def control_timestep(self) -> float:
-        """Seconds between two actions."""
+        """Seconds per control step."""
         return float(self.model.opt.timestep) * self.substeps
 
     @property
     def horizon(self) -> float:
-        """Seconds an episode."""
+        """Seconds per episode."""
         return self.control_timestep * self.control_steps
 
     @property
@@ -105,9 +105,9 @@ class Task(ABC):
 
     @property
     def posture(self) -> np.ndarray:
-        """Indices into qpos of the joints that motors drive: their final spread tells how consistent an expert is.
+        """Indices into qpos of the joints that motors drive; their final spread shows how consistent an expert is.
 
-        Where motors drive no joint directly, as through tendons, those of all slides and hinges.
+        If motors drive no joint directly (but tendons, say), the indices of all slides and hinges.
         """
         driven = self.model.actuator_trnid[self.model.actuator_trntype == 0, 0]  # 0: a joint
         single = self.model.jnt_type >= 2  # slides and hinges
@@ -118,7 +118,7 @@ class Task(ABC):
         """The factors that are drawn from `distribution`.
 
         Raises:
-            UsageError: It varies something that this task does not have, or an azimuth without a range.
+            UsageError: The distribution varies a factor that this task lacks, or an azimuth without a range.
         """
         if distribution.vary is None:
             return frozenset(self.default_factors)
@@ -134,11 +134,11 @@ class Task(ABC):
 
     @abstractmethod
     def model_fields(self, contexts: Contexts) -> dict[str, np.ndarray]:
-        """The MjModel fields that show `contexts`: name -> (n, *shape of the field)."""
+        """The MjModel fields that make `contexts` visible: name -> (n, *shape of the field)."""
 
     @abstractmethod
     def context_state(self, contexts: Contexts) -> tuple[np.ndarray, np.ndarray]:
-        """The state that a context's first frame o_0 shows: qpos (n, nq), qvel (n, nv)."""
+        """The initial state in each context's first frame o_0: qpos (n, nq), qvel (n, nv)."""
 
     @abstractmethod
     def draw_states(self, rng: np.random.Generator, contexts: Contexts) -> tuple[np.ndarray, np.ndarray]:
@@ -146,31 +146,34 @@ class Task(ABC):
 
     @abstractmethod
     def observe(self, state: State) -> np.ndarray:
-        """What the learner's policy sees, (n, D): never the goal; the time, where episodes are short."""
+        """Observation (n, D) of the learner's policy: never the goal.
+
+        --learner gps reads the control step from its last entry, time / horizon.
+        """
 
     @abstractmethod
     def observe_expert(self, state: State, contexts: Contexts) -> np.ndarray:
-        """What the expert sees, (n, D): the state, the time and the goal."""
+        """Observation (n, D) of the expert: the state, the time and the goal."""
 
     @abstractmethod
     def expert_reward(self, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
-        """Hand-written reward (n,) of arriving in `state` by `action` (n, nu)."""
+        """Hand-written reward (n,) for reaching `state` by `action` (n, nu)."""
 
     @abstractmethod
     def distance(self, state: State, contexts: Contexts) -> np.ndarray:
-        """Distance (n,) of the task's object to its goal, metres.
+        """Distance (n,) of the task's object from its goal, metres: not negative, and above 0 at the start.
 
-        Of household tasks with many pieces the share of them that is not there yet; of the suite's tasks 1 - reward.
+        For household tasks with many pieces, the share of pieces not at the goal yet; for dm_control's, 1 - reward.
         """
 
     def goal_error(self, state: State, contexts: Contexts) -> np.ndarray:
-        """How far from done, as a vector (n, m) that is zero once all is done: for learners of quadratic costs.
+        """The task's error as a vector (n, m), zero once the task is done, for learners with quadratic costs.
 
-        The squared norm of its first part is the squared distance, in metres also where the task counts pieces (then
-        their mean squared one); what must be done on the way may follow.
+        The squared norm of its first part is the squared distance in metres; for tasks that count pieces, the mean
+        squared distance of the pieces. Errors of intermediate steps may follow.
 
         Raises:
-            UsageError: The task does not say.
+            UsageError: The task does not define it.
         """
         raise UsageError(
             f"task {self.name} does not define goal_error, the error as a vector, which --learner gps needs beside "
@@ -179,17 +182,17 @@ class Task(ABC):
 
     @property
     def demonstrator(self) -> Task | None:
-        """The same task with the body of somebody who demonstrates it by `plan`; None: an expert must be trained."""
+        """The same task with the body of the scripted demonstrator that `plan` moves; None: an expert is trained."""
         return None
 
     def plan(self, contexts: Contexts, rng: np.random.Generator | None = None) -> np.ndarray:
-        """Actions (control steps, n, nu) by which a demonstrator does the task; with `rng`, not quite steadily."""
+        """Actions (control steps, n, nu) of the demonstrator; `rng` adds natural variation."""
         raise NotImplementedError(f"{self.name} has no plan")
 
     def kinesthetic(self, contexts: Contexts) -> np.ndarray:
-        """Joint positions (T, nq) of the robot led through the task in one context; zeros where nothing is driven."""
+        """Joint positions (T, nq) of the robot guided by hand through the task in one context; zeros for the rest."""
         raise NotImplementedError(f"{self.name} has no plan")
 
     def outcome(self, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What an episode is judged by: initial and final distance (n,), of the distances (n, control steps + 1)."""
+        """Initial and final distance (n,) of episodes, from the distances (n, control steps + 1)."""
         return distance[:, 0], distance[:, -1]
