@@ -152,7 +152,7 @@ def test_a_fault_of_a_built_in_task_is_a_bug(folder, monkeypatch, capsys):
 def test_the_guard_passes_for_the_task(folder):
     from glide import Glide
 
-    from stages.simulation.registry import make_task
+    from stages.simulation.registry import code_digest, make_task
     from stages.simulation.task import Task
 
     task = make_task("glide:Glide", typed=True)
@@ -162,3 +162,4 @@ def test_the_guard_passes_for_the_task(folder):
     task.substeps = 2
     assert (task.own, task.control_timestep) == (3, pytest.approx(0.02))
     assert not hasattr(task, "nothing")
+    assert code_digest(task) == code_digest(Glide()) != {}  # Whose code decides whether artifacts are up to date.
