@@ -106,11 +106,12 @@ def truncated(path, container):
 
 @pytest.fixture
 def ifo(tmp_path, capfd):
-    """A function that runs import-demos: (exit code, what --json printed, standard error)."""
+    """A function that runs import-demos, anew each time: (exit code, what --json printed, standard error)."""
 
     def run(*words, out=tmp_path / "x.demos.h5", frames=T):
         capfd.readouterr()
-        code = main(["import-demos", *map(str, words), "--out", str(out), "--frames", str(frames), "--json"])
+        options = ["--out", str(out), "--frames", str(frames), "--json", "--overwrite"]
+        code = main(["import-demos", *map(str, words), *options])
         printed, said = capfd.readouterr()
         return code, json.loads(printed) if printed else None, said
 
@@ -340,7 +341,7 @@ def test_what_follows_works_on_imported_videos(ifo, folder, tmp_path, capfd):
     code, result, said = ifo(*videos, "--preset", "toy")
     assert code == 0, said
     translator, out = tmp_path / "x.translator.h5", tmp_path / "x.translation.h5"
-    training = ["--steps", "1", "--device", "cpu", "--workers", "1", "--out", str(translator)]
+    training = ["--steps", "1", "--device", "cpu", "--workers", "1", "--out", str(translator), "--overwrite"]
     assert main(["train-translator", result["path"], *training]) == 0
     assert read_artifact(translator).config["preset"] == "toy"
     capfd.readouterr()
