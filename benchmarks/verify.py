@@ -6,7 +6,7 @@ Writes random demonstrations of that size to --folder, and prints one JSON line:
 `verify_artifact`, with the file in the page cache and without it (`cold`); of HDF5 reading the file, which includes its
 checksum; of a plain sequential read of the file, without the cache; and of digesting the same bytes in memory by XXH3
 and, for comparison, by SHA-256. `ratio_to_xxh3` is the time of `verify_artifact` over that of the digest, and `ratio`
-over that of HDF5 and the digest together: 1 is the least that it can be.
+over that of HDF5 and the digest together: 1 is the least that it can be. `load` is the machine's load average before.
 """
 
 from __future__ import annotations
@@ -96,11 +96,13 @@ def main() -> None:
     options = parser.parse_args()
     count = max(1, round(options.gigabytes * 1e9 / math.prod(SHAPE)))
     gigabytes = count * math.prod(SHAPE) / 1e9
+    load = os.getloadavg()[0]
     with tempfile.TemporaryDirectory(dir=options.folder) as folder:
         spent = measure(Path(folder) / "x.demos.h5", count)
     result = {
         "benchmark": "verify",
         "gigabytes": round(gigabytes, 2),
+        "load": round(load, 1),
         **{f"{name}_s": round(value, 2) for name, value in spent.items()},
         **{f"{name}_gb_s": round(gigabytes / value, 2) for name, value in spent.items()},
         "ratio_to_xxh3": round(spent["verify"] / spent["xxh3"], 2),

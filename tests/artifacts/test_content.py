@@ -62,7 +62,7 @@ def test_time_place_and_environment_are_no_part_of_the_content(policy, tmp_path,
         policy(config={"nested": [{"minutes": 4.5, "steps": 5}]}),
         policy(config={"without": ()}),
     ]
-    monkeypatch.setattr("artifacts.writing._ifo_version", lambda: "9.9")
+    monkeypatch.setattr("artifacts.writing.ifo_version", lambda: "9.9")
     assert {usual, policy(), *alike} == {usual}
 
 

@@ -49,7 +49,7 @@ def test_a_file_that_took_anothers_place_is_noticed(translation, demos):
 
 
 def test_a_file_that_was_made_again_alike_is_the_same(translation, demos, monkeypatch):
-    monkeypatch.setattr("artifacts.writing._ifo_version", lambda: "9.9")
+    monkeypatch.setattr("artifacts.writing.ifo_version", lambda: "9.9")
     write_artifact(demos, "demos", demos_arrays(), **{**PROVENANCE, "command": "ifo test --workers 2"})
     assert read_artifact(demos).manifest.ifo_version == "9.9"
     assert states(translation, check=True)[1] == (2, "demos", "present")

@@ -31,14 +31,14 @@ def test_a_checkpoint_of_schema_1_is_resumed(tmp_path, monkeypatch, capsys):
     np.testing.assert_array_equal(curve[:4], before["curve/seconds"][:4])
     assert verify_artifact(out).parents == 1
     assert not (tmp_path / OLD_CHECKPOINT.name).exists()
-    assert main(["evaluate", str(out), "--episodes", "2"]) == 0, capsys.readouterr().err
+    assert main(["evaluate", str(out), "--episodes", "2", "--overwrite"]) == 0, capsys.readouterr().err
 
 
 def test_measured_times_and_names_are_no_part_of_the_content(tmp_path, monkeypatch, capsys):
     """Two runs of one command with one seed have the same content, whatever they took and wherever they wrote."""
     monkeypatch.setenv("IFO_TASKS", "tests.fixtures.small_reach:SmallReach")
     demos, policy = tmp_path / OLD_FILES["demos"].name, tmp_path / OLD_FILES["policy"].name
-    for path in (*OLD_FILES.values(),):
+    for path in OLD_FILES.values():
         shutil.copy(path, tmp_path)
     commands = {
         "translator": ["train-translator", str(demos), "--arch", "real", "--steps", "2", "--videos", "2"],
