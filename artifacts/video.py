@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from artifacts.atomic import atomic_path, write_bytes
+from artifacts.encoding import CRF
 from artifacts.errors import ArtifactError
 from artifacts.paths import sibling
 
-CRF = 12  # x264's constant rate factor: hard to tell from the original
 MIN_HEIGHT = 192  # pixels that a video is enlarged to
 LARGE = 128  # pixels of a frame's height that is shown as it is
 GRID_WIDTH = 1536  # pixels of an overview's MP4, at most

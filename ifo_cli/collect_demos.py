@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from ifo_cli.options import Given, TaskArgument, stage_command
 from ifo_cli.runner import run_stage
@@ -22,20 +20,14 @@ EXAMPLES = (
 
 
 @stage_command(STAGE)
-def collect_demos(
-    task: TaskArgument,
-    given: Given,
-    expert: Annotated[
-        Path | None,
-        typer.Option(metavar="PATH", help="Expert to film (default: one of the same preset is trained)."),
-    ] = None,
-) -> None:
-    """Film an expert, or the person that a household task brings, doing a task, each video in a context of its own.
+def collect_demos(task: TaskArgument, given: Given) -> None:
+    """Record a demonstrator doing a task, each video in a different context.
 
-    Viewpoint, colours, positions and distractors differ from video to video. Only frames are recorded for
-    learning: no actions, no states.
+    The demonstrator is a trained expert, or the scripted one of a household task. Viewpoint, colours, positions and
+    distractors differ from video to video. Only frames are recorded for learning: no actions, no states.
     """
     check_task_name(task)
+    expert = given.get("expert")
 
     def call(config: Any, run: Any, paths: list[Path]) -> Any:
         from stages.collect_demos import collect_demos

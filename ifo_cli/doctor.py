@@ -9,11 +9,11 @@ import warnings
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from importlib import metadata
-from typing import Annotated
 
 import typer
 
 from artifacts.errors import IfoError, PlatformError
+from ifo_cli.options import Given, stage_command
 from ifo_cli.streams import emit, stdout_to_stderr
 
 EXAMPLES = (
@@ -37,9 +37,8 @@ class Check:
     mend: str = ""
 
 
-def doctor(
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object, not lines.")] = False,
-) -> None:
+@stage_command("doctor")
+def doctor(given: Given) -> None:
     """Check this machine: Python, torch, MuJoCo, video encoding, and one rendered frame.
 
     Exit code 4 if anything is missing; its line says how to fix it.
@@ -47,7 +46,7 @@ def doctor(
     with stdout_to_stderr():
         checks = [_run(name, examine, mend) for name, (examine, mend) in CHECKS.items()]
     ok = all(check.ok for check in checks)
-    if as_json:
+    if given.get("json"):
         emit(json.dumps({"ok": ok, "checks": [asdict(check) for check in checks]}))
     else:
         for check in checks:

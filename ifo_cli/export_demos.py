@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
-import shlex
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
-from ifo_cli.streams import emit, inputs_or_stdin, plain, stdout_to_stderr
-from stages.config.stages import CAMERA, EXPORT_FORMATS, PLAIN_FPS, VIDEO_CRF, ExportConfig
+from ifo_cli.options import Given, stage_command
+from ifo_cli.runner import command_line, emit_result, settled_alone
+from ifo_cli.streams import inputs_or_stdin, stdout_to_stderr
 
 EXAMPLES = (
     "ifo export-demos runs/reach.demos.h5 --format lerobot --out reach_videos --task 'reach the red disc'",
@@ -19,82 +18,33 @@ EXAMPLES = (
 )
 
 
+@stage_command("export-demos")
 def export_demos(
-    context: typer.Context,
-    to: Annotated[
-        Literal[tuple(EXPORT_FORMATS)],  # type: ignore[valid-type]
-        typer.Option("--format", help="Whose data set: LeRobotDataset v3, robomimic's HDF5, or Minari's."),
-    ],
+    given: Given,
     demos: Annotated[
         Path | None,
         typer.Argument(help="The demos artifact (default: the path on standard input).", show_default=False),
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder to write, for robomimic a file; nothing may lie there yet (default: beside the artifact, "
-            "NAME.lerobot, NAME.robomimic.hdf5 or NAME-v0).",
-            metavar="PATH",
-            show_default=False,
-        ),
-    ] = None,
-    camera: Annotated[
-        str,
-        typer.Option(
-            help=f"Name of the camera: observation.images.NAME, obs/NAME_image (default: {CAMERA}).",
-            metavar="NAME",
-            show_default=False,
-        ),
-    ] = ExportConfig.camera,
-    task: Annotated[
-        str,
-        typer.Option(
-            help="What is done, in words (default: the demonstrations' task).", metavar="TEXT", show_default=False
-        ),
-    ] = ExportConfig.task,
-    fps: Annotated[
-        int,
-        typer.Option(
-            help=f"Frames a second that it claims (default: by the demonstrations' times, {PLAIN_FPS} without any).",
-            metavar="INT",
-            show_default=False,
-        ),
-    ] = ExportConfig.fps,
-    video: Annotated[
-        bool,
-        typer.Option(
-            "--video",
-            help="Store lerobot's frames as H.264 in place of PNGs. Colours lose half of their resolution, which shows "
-            "in small frames.",
-        ),
-    ] = ExportConfig.video,
-    crf: Annotated[
-        int,
-        typer.Option(
-            help=f"Quality of the video, 1 the best and 51 the worst (default: {VIDEO_CRF}).",
-            metavar="INT",
-            show_default=False,
-        ),
-    ] = ExportConfig.crf,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object in place of the path.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No messages on standard error.")] = False,
 ) -> None:
     """Write demonstrations as a data set that LeRobot, robomimic or Minari reads.
 
-    Frames go along as they are, but for --video, and times where the format has room for them; contexts do not.
-    Nobody recorded actions: robomimic's and Minari's place for them says so.
+    Frames are written unchanged, except with --video, and their times where the format has room for them; contexts are
+    not. There are no actions: where robomimic and Minari expect them, the data set says so.
     """
+    settled = settled_alone(given)
+    if settled is None:
+        return
     path = inputs_or_stdin([demos] if demos else [], "the demos artifact (NAME.demos.h5)")[0]
-    words = [*(context.find_root().obj or []), *(() if demos else [str(path)])]
-    config = ExportConfig(str(to), camera, task, fps, video, crf)
     with stdout_to_stderr():
         from stages.export_demos import export_demos
         from stages.runtime.progress import Progress
         from stages.runtime.run import RunOptions
 
-        run = RunOptions(out=out, command=shlex.join(["ifo", *words]), progress=Progress(quiet=quiet))
-        result = export_demos(path, config, run)
-    if as_json:
-        emit(json.dumps({"path": str(result.path), "kind": config.format, **plain(result.summary)}))
-    else:
-        emit(str(result.path))
+        run = RunOptions(
+            out=given.get("out"),
+            command=command_line(given, () if demos else [path]),
+            progress=Progress(quiet=given.get("quiet")),
+            given=settled.given,
+        )
+        result = export_demos(path, settled.config, run)
+    emit_result(given, result, settled.config.format)

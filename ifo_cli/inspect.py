@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ifo_cli.options import Given, stage_command
 from ifo_cli.streams import emit, inputs_or_stdin, plain
 
 if TYPE_CHECKING:
@@ -27,9 +28,10 @@ SHOWN_DATASETS = 40
 SHORT = 8  # values of a dataset that are shown whole
 
 
+@stage_command("inspect")
 def inspect(
+    given: Given,
     artifact: Annotated[Path | None, typer.Argument(help="Artifact (default: the path on standard input).")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object, not tables.")] = False,
 ) -> None:
     """Show what an artifact is: its origin, configuration, data, key figures and lineage.
 
@@ -39,7 +41,7 @@ def inspect(
 
     path = inputs_or_stdin([artifact] if artifact else [], "the artifact to inspect")[0]
     report = describe(read_artifact(path))
-    if as_json:
+    if given.get("json"):
         emit(json.dumps(report))
     else:
         emit(_as_text(report))

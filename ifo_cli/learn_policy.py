@@ -17,7 +17,7 @@ EXAMPLES = (
 )
 
 
-@stage_command(STAGE, resume=True)
+@stage_command(STAGE)
 def learn_policy(
     given: Given,
     translation: Annotated[

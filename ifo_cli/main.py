@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import sys
 import traceback
@@ -44,6 +45,21 @@ REWORDED = {
     "Input should be": "expected",
 }
 
+EXAMPLE_WIDTH = 76  # columns; terminals of 80 wrap nothing, so that a shell takes what is copied
+
+
+def copyable(command: str) -> str:
+    """A command in lines that are short enough not to be wrapped, joined as a shell joins them."""
+    lines = [""]
+    for part in re.split(r" (?=[|-])", command):  # before an option, or the next command of a pipe
+        if lines[-1] and len(lines[-1]) + len(part) + 3 > EXAMPLE_WIDTH:
+            lines[-1] += " \\"
+            lines.append(f"    {part}")
+        else:
+            lines[-1] = f"{lines[-1]} {part}".lstrip()
+    return "\n".join(lines)
+
+
 PIPELINE = "ifo collect-demos reach | ifo train-translator | ifo translate | ifo learn-policy | ifo evaluate"
 
 app = typer.Typer(
@@ -52,13 +68,13 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog=f"Example:\n\n{PIPELINE}",
+    epilog=f"Example:\n\n{copyable(PIPELINE)}",
 )
 
 
 def _register(name: str, function: Callable[..., Any], examples: Sequence[str], note: str = "") -> None:
     heading = "Example" if len(examples) == 1 else "Examples"
-    paragraphs = [f"{heading}:", "\n".join(f"  {example}" for example in examples)]
+    paragraphs = [f"{heading}:", "\n".join(copyable(example) for example in examples)]
     app.command(name, epilog="\n\n".join([note, *paragraphs] if note else paragraphs))(function)
 
 
@@ -121,6 +137,10 @@ def _run(words: list[str]) -> int:
     try:
         command = typer.main.get_command(app)
         code = command.main(words, prog_name="ifo", standalone_mode=False, obj=words)
+    except SystemExit as error:
+        if isinstance(error.__context__, BrokenPipeError):  # What prints help ends so when its reader has gone.
+            raise BrokenPipeError from error
+        raise
     except typer.TyperException as error:
         from stages.runtime.processes import is_main
 

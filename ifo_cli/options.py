@@ -1,11 +1,11 @@
-"""Command-line options made from a stage's configuration class, so that a default is written once."""
+"""Command-line options made from configuration classes, so that a default and a help text are written once."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -13,19 +13,21 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import typer
 
+from ifo_cli.completion import complete_list
+from stages.config.commands import COMMANDS
 from stages.config.presets import DEFAULT_PRESET, PRESETS
-from stages.config.stages import STAGES
+from stages.config.stages import TASKS
 from stages.config.task_names import known_tasks
+from stages.reproduction.plan import METHODS
 
 HELP_PRESET = DEFAULT_PRESET
 PRESET_NOTE = (
-    f"What an option leaves open comes from --preset: the parent's, else {HELP_PRESET}. "
-    f"Defaults in brackets are those of {HELP_PRESET} for reach; some tasks have their own."
+    f"Options that are not given come from --preset: the parent's, else {HELP_PRESET}. "
+    f"Defaults in parentheses are those of {HELP_PRESET} for reach; some tasks have their own (--show-config)."
 )
-Command = Callable[..., None]
-
-NUMBER = {int: "INT", float: "FLOAT"}
+METAVARS = {int: "INT", float: "FLOAT", str: "TEXT", Path: "PATH"}
 STAGE_PANEL = "Options of this stage"
+Function = Callable[..., None]
 
 
 def complete_task(incomplete: str) -> list[str]:
@@ -33,6 +35,11 @@ def complete_task(incomplete: str) -> list[str]:
     return [task for task in known_tasks() if task.startswith(incomplete)]
 
 
+COMPLETIONS = {
+    "task": complete_task,
+    "tasks": complete_list(TASKS),
+    "methods": complete_list(tuple(METHODS)),
+}
 TaskArgument = Annotated[
     str,
     typer.Argument(
@@ -48,48 +55,26 @@ class Given:
     """What the command line said.
 
     Attributes:
-        config: Fields of the stage's configuration that were given.
-        run: Fields of `RunOptions` that were given, `preset` and `seed` among them.
-        json: Print a JSON object in place of the path.
-        quiet: No progress.
+        command: Name of the command.
+        config: Fields of the command's configuration that were given.
+        shared: Options that it shares with other commands, as far as they were given.
         words: The command line's words after `ifo`.
     """
 
+    command: str
     config: dict[str, Any]
-    run: dict[str, Any]
-    json: bool
-    quiet: bool
+    shared: dict[str, Any]
     words: list[str]
 
-
-def _option(annotation: Any, text: str, *names: str, default: Any = None, **settings: Any) -> Any:
-    option = typer.Option(*names, help=text, show_default=False, **settings)
-    return Annotated[annotation, option], default
-
-
-COMMON: dict[str, tuple[Any, Any]] = {
-    "preset": _option(
-        Literal[tuple(PRESETS)],
-        f"Defaults of every option: the parent's preset, else {HELP_PRESET}.",
-    ),
-    "seed": _option(int, "The run's only seed: the parent's, else 0.", min=0, metavar="INT"),
-    "device": _option(str, "auto (CUDA where there is one), cpu, cuda or cuda:N.", metavar="DEVICE"),
-    "workers": _option(int, "Threads and render processes (0: one a core).", min=0, metavar="INT"),
-    "out": _option(Path, "Artifact to write, ending in .h5 (default: runs/NAME.KIND.h5).", metavar="PATH"),
-    "resume": _option(bool, "Continue from the checkpoint beside --out.", "--resume", default=False),
-    "overwrite": _option(
-        bool,
-        "Replace a finished artifact at --out (default: keep it if it is the same, else stop).",
-        "--overwrite",
-        default=False,
-    ),
-    "json": _option(bool, "Print one JSON object with the stage's figures.", "--json", default=False),
-    "quiet": _option(bool, "No progress on standard error.", "--quiet", "-q", default=False),
-}
+    def get(self, name: str) -> Any:
+        """The value of a shared option, given or by default."""
+        return self.shared.get(name, getattr(COMMANDS[self.command].shared(), name))
 
 
 def shown_default(value: Any) -> str:
-    """A preset's value as the help text shows it; empty where there is nothing to show."""
+    """A default as the help text shows it; empty where there is nothing to show."""
+    if value is None:
+        return ""
     if isinstance(value, bool):
         return "on" if value else "off"
     if isinstance(value, tuple):
@@ -97,78 +82,97 @@ def shown_default(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def config_parameters(stage: str) -> list[inspect.Parameter]:
-    """A typer option for every field of the stage's configuration, each defaulting to None: not given."""
-    config_class = STAGES[stage]
+def _parameters(config_class: type, defaults: Any, names: tuple[str, ...], panel: str) -> Iterator[inspect.Parameter]:
+    """A typer option for each of the named fields; not given, it is None, whatever the default.
+
+    Args:
+        config_class: The fields' class.
+        defaults: An instance whose values the help texts show; None: only those of fields that ask for it.
+        names: Names of fields.
+        panel: Heading of the options in the help text; empty: the common one.
+    """
     types = get_type_hints(config_class)
-    parameters = []
-    for item in dataclasses.fields(config_class):
-        annotation: Any = types[item.name]
-        choices = item.metadata.get("choices") or ()
-        settings: dict[str, Any] = {"rich_help_panel": STAGE_PANEL}
-        if get_origin(annotation) is tuple:
+    items = {item.name: item for item in dataclasses.fields(config_class)}
+    for name in names:
+        item = items[name]
+        settings: dict[str, Any] = {"rich_help_panel": panel} if panel else {}
+        annotation = next((kind for kind in get_args(types[name]) if isinstance(kind, type)), types[name])
+        about = item.metadata
+        choices = about["choices"]
+        flag = annotation is bool and len(about.get("names", ())) > 0
+        if get_origin(types[name]) is tuple:
             # Typer takes no list of literals, but a list of an enumeration.
-            members = {choice: choice for choice in choices}
-            element = StrEnum(item.name, members) if choices else get_args(annotation)[0]
+            element = StrEnum(name, {choice: choice for choice in choices}) if choices else str
             annotation = list[element]  # type: ignore[valid-type]
             settings["metavar"] = "|".join(choices) or "TEXT"
         elif choices:
             annotation = Literal[tuple(choices)]
-        elif annotation in (int, float):
-            settings.update(min=item.metadata.get("low"), max=item.metadata.get("high"), metavar=NUMBER[annotation])
-        shown = shown_default(getattr(PRESETS[HELP_PRESET][stage], item.name))
-        text = item.metadata["help"] + (f" ({shown})" if shown else "")
-        names = ("-n", "--n") if item.name == "n" else ()
-        annotated, default = _option(annotation, text, *names, **settings)
-        parameters.append(_keyword(item.name, annotated, default))
-    return parameters
+        elif annotation is not bool:
+            settings["metavar"] = about.get("metavar", METAVARS[annotation])
+        if "metavar" in settings and (bounds := _bounds(about["low"], about["high"])):
+            settings["metavar"] += f" [{bounds}]"  # Held by the configuration class, as for files of options.
+        if completion := COMPLETIONS.get(about.get("complete", "")):
+            settings["autocompletion"] = completion
+        source = defaults if defaults is not None else item.default if about.get("show") else None
+        shown = shown_default(source if defaults is None else getattr(defaults, name))
+        text = about["help"] + (f" ({shown})" if shown else "")
+        option = typer.Option(*about.get("names", ()), help=text, show_default=False, **settings)
+        yield _keyword(name, Annotated[annotation, option], False if flag else None)
 
 
-def stage_command(stage: str, *, resume: bool = False) -> Callable[[Command], Command]:
-    """Give a command the options of its stage; it receives them as its argument `given`.
+def stage_command(name: str) -> Callable[[Function], Function]:
+    """Give a command the options of its configuration classes; it receives them as its argument `given`.
 
     Args:
-        stage: Name of the stage in `stages.config.stages.STAGES`.
-        resume: Whether the stage keeps checkpoints, so that --resume makes sense.
+        name: Name of the command in `stages.config.commands.COMMANDS`.
     """
+    command = COMMANDS[name]
+    own = tuple(item.name for item in dataclasses.fields(command.config))
 
-    def decorate(function: Command) -> Command:
-        own = [
+    def decorate(function: Function) -> Function:
+        arguments = [
             parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
             for parameter in inspect.signature(function, eval_str=True).parameters.values()
             if parameter.name != "given"
         ]
-        common = [
-            _keyword(name, annotated, default)
-            for name, (annotated, default) in COMMON.items()
-            if resume or name != "resume"
+        shared_panel = STAGE_PANEL if own else ""
+        parameters = [
+            _keyword("context", typer.Context, inspect.Parameter.empty),
+            *arguments,
+            *_parameters(command.shared, None, command.names, ""),
+            *_parameters(command.config, PRESETS[HELP_PRESET].get(name, command.config()), own, shared_panel),
         ]
-        context = _keyword("context", typer.Context, inspect.Parameter.empty)
-        parameters = [context, *own, *common, *config_parameters(stage)]
 
         @functools.wraps(function)
-        def command(**values: Any) -> None:
-            arguments = {parameter.name: values[parameter.name] for parameter in own}
-            function(**arguments, given=_gather(stage, values))
+        def wrapper(**values: Any) -> None:
+            given = Given(
+                name,
+                config={key: _plain(values[key]) for key in own if values[key] is not None},
+                shared={key: values[key] for key in command.names if _is_given(values[key])},
+                words=list(values["context"].find_root().obj or []),
+            )
+            function(**{argument.name: values[argument.name] for argument in arguments}, given=given)
 
-        command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-        command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-        return command
+        wrapper.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+        wrapper.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        return wrapper
 
     return decorate
 
 
+def _is_given(value: Any) -> bool:
+    return value is not None and value is not False
+
+
+def _bounds(low: float | None, high: float | None) -> str:
+    if low is None:
+        return ""
+    return f"x>={low:g}" if high is None else f"{low:g}<=x<={high:g}"
+
+
+def _plain(value: Any) -> Any:
+    return tuple(map(str, value)) if isinstance(value, list) else value
+
+
 def _keyword(name: str, annotation: Any, default: Any) -> inspect.Parameter:
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, annotation=annotation, default=default)
-
-
-def _gather(stage: str, values: dict[str, Any]) -> Given:
-    config = {}
-    for item in dataclasses.fields(STAGES[stage]):
-        value = values[item.name]
-        if value is not None:
-            config[item.name] = tuple(map(str, value)) if isinstance(value, list) else value
-    run_names = ("preset", "seed", "device", "workers", "out", "resume", "overwrite")
-    run = {name: values[name] for name in run_names if values.get(name) is not None}
-    words = values["context"].find_root().obj or []
-    return Given(config, run, json=values["json"], quiet=values["quiet"], words=list(words))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
-import math
 import os
 import shlex
 from collections.abc import Callable, Sequence
@@ -15,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 from artifacts.errors import IfoError, PlatformError, UsageError
 from artifacts.pipeline import STAGE_FILES
 from ifo_cli.options import Given
+from ifo_cli.settling import Settled, check_at_once, read_file, settle, show
 from ifo_cli.streams import emit, inputs_or_stdin, plain, stdout_to_stderr
-from stages.config.presets import PRESETS, defaults
 from stages.config.task_names import permission_needed
+from stages.config.toml import Table
 
 if TYPE_CHECKING:
     from artifacts import Artifact
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from stages.runtime.run import RunOptions, StageResult
 
 SHARED = ("train-translator",)  # stages whose work several processes can share
+
 # Stages that run without permission to import the task; those after them need it (IFO_TASKS).
 WITHOUT_PERMISSION = ("train-expert", "collect-demos", "train-translator")
 
@@ -50,23 +50,43 @@ def run_stage(
         several: Whether the stage takes more than one input.
         task: The task that the command line named; else the first input's.
     """
-    from stages.runtime.processes import OtherFailed, join
+    from stages.runtime.processes import OtherFailed, is_main, join
 
     try:
+        table = read_file(given)
+    except UsageError:
+        if is_main():
+            raise
+        return
+    if given.get("show_config"):
+        if is_main():
+            _show(stage, given, table, named or (), task)
+        return
+    try:
         with stdout_to_stderr():
-            processes = join(stage, given.run.get("device", "auto"), stage in SHARED)
+            device = given.shared.get("device") or table.settings.get("device", "auto")
+            processes = join(stage, device, stage in SHARED)
     except OtherFailed:
         return
     try:
-        _run(stage, given, call, processes, named=named, several=several, task=task)
+        _run(stage, given, table, call, processes, named=named, several=several, task=task)
     except IfoError as error:
         if processes.failed(error):
             raise
 
 
+def _show(stage: str, given: Given, table: Table, named: Sequence[Path], task: str) -> None:
+    """Print what every option resolves to; standard input is not read."""
+    with stdout_to_stderr():
+        parents = _read(stage, named)
+        settled = settle(given, table, parents, task or _task_of(parents), typed=bool(task))
+    show(given, settled)
+
+
 def _run(
     stage: str,
     given: Given,
+    table: Table,
     call: Call,
     processes: Processes,
     *,
@@ -74,64 +94,90 @@ def _run(
     several: bool,
     task: str,
 ) -> None:
-    _check_numbers(given)
-    out = check_out(given.run.get("out"))
-    if named is None:
-        paths = []
-    else:
-        kind = STAGE_FILES[stage].reads
-        if not named and processes.count > 1:
-            raise UsageError(f"several processes share no standard input: name the {kind} artifact (NAME.{kind}.h5)")
-        paths = inputs_or_stdin(named, f"the {kind} artifact (NAME.{kind}.h5)", several=several)
+    out = check_out(given.get("out"))
+    paths = _inputs(stage, given, table, processes, named, several)
     if out is not None and any(_same_file(path, out) for path in paths):
         raise UsageError(f"--out {out} would replace the stage's own input: choose another name")
-    words = [*given.words, *(() if named else map(str, paths))]
     with stdout_to_stderr():
-        from artifacts import read_artifact
         from stages.runtime.progress import Progress
         from stages.runtime.run import RunOptions
 
-        parents = [read_artifact(path, STAGE_FILES[stage].reads) for path in paths]
+        parents = _read(stage, paths)
+        settled = settle(given, table, parents, task or _task_of(parents), typed=bool(task))
         run = RunOptions(
-            **{**_inherited(parents), **given.run},
-            command=shlex.join(["ifo", *words]),
-            progress=Progress(quiet=given.quiet or not processes.main),
+            **settled.settings,
+            out=out,
+            resume=given.get("resume"),
+            overwrite=given.get("overwrite"),
+            command=command_line(given, () if named else paths),
+            progress=Progress(quiet=given.get("quiet") or not processes.main),
             processes=processes,
+            given=settled.given,
         )
-        task = task or (str(parents[0].config.get("task") or "") if parents else "")
-        if stage in WITHOUT_PERMISSION and (note := permission_needed(task)):
-            run.progress.say(note)
-        choice = given.config.get("learner") or given.config.get("arch") or ""
-        config = dataclasses.replace(defaults(run.preset, stage, task, choice), **given.config)
+        if stage in WITHOUT_PERMISSION and (note := permission_needed(settled.task)):
+            own = "" if settled.task_known else f"; until then its own defaults for {stage}, if any, do not count"
+            run.progress.say(f"{note}{own}")
         made = make_folder(out) if processes.main else []
         try:
-            result = call(config, run, paths)
+            result = call(settled.config, run, paths)
         except UsageError:
             with suppress(OSError):  # What diverged on the way has left its curve there.
                 for folder in made:
                     folder.rmdir()
             raise
-    if not processes.main:
-        return
-    if given.json:
-        emit(json.dumps({"path": str(result.path), "kind": STAGE_FILES[stage].writes, **plain(result.summary)}))
+    if processes.main:
+        emit_result(given, result, STAGE_FILES[stage].writes)
+
+
+def _inputs(
+    stage: str,
+    given: Given,
+    table: Table,
+    processes: Processes,
+    named: Sequence[Path] | None,
+    several: bool,
+) -> list[Path]:
+    """The stage's inputs, from standard input where none is named."""
+    if named is None:
+        return []
+    kind = STAGE_FILES[stage].reads
+    if not named:
+        if processes.count > 1:
+            raise UsageError(f"several processes share no standard input: name the {kind} artifact (NAME.{kind}.h5)")
+        check_at_once(given, table)
+    return inputs_or_stdin(named, f"the {kind} artifact (NAME.{kind}.h5)", several=several)
+
+
+def _read(stage: str, paths: Sequence[Path]) -> list[Artifact]:
+    from artifacts import read_artifact
+
+    return [read_artifact(path, STAGE_FILES[stage].reads) for path in paths]
+
+
+def _task_of(parents: Sequence[Artifact]) -> str:
+    return str(parents[0].config.get("task") or "") if parents else ""
+
+
+def command_line(given: Given, piped: Sequence[Path] = ()) -> str:
+    """The command as somebody would type it, with the paths that came from standard input."""
+    return shlex.join(["ifo", *given.words, *map(str, piped)])
+
+
+def emit_result(given: Given, result: StageResult, kind: str) -> None:
+    """Print the path of what was written, or with --json one object with its figures."""
+    if given.get("json"):
+        emit(json.dumps({"path": str(result.path), "kind": kind, **plain(result.summary)}))
     else:
         emit(str(result.path))
 
 
-def _inherited(parents: Sequence[Artifact]) -> dict[str, Any]:
-    """Preset and seed of the first parent."""
-    if not parents:
-        return {}
-    manifest = parents[0].manifest
-    preset = manifest.config.get("preset")
-    return {"seed": manifest.seed, **({"preset": preset} if preset in PRESETS else {})}
-
-
-def _check_numbers(given: Given) -> None:
-    for name, value in given.config.items():
-        if isinstance(value, float) and not math.isfinite(value):
-            raise UsageError(f"--{name.replace('_', '-')} {value}: expected a finite number")
+def settled_alone(given: Given) -> Settled | None:
+    """The options of a command that has no parent and no presets of its own; None: they were only to be shown."""
+    settled = settle(given, read_file(given))
+    if given.get("show_config"):
+        show(given, settled)
+        return None
+    return settled
 
 
 def check_out(out: Path | None) -> Path | None:

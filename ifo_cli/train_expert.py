@@ -17,7 +17,7 @@ EXAMPLES = (
 )
 
 
-@stage_command(STAGE, resume=True)
+@stage_command(STAGE)
 def train_expert(task: TaskArgument, given: Given) -> None:
     """Train the expert that demonstrates a task, by the task's own reward.
 

@@ -17,7 +17,7 @@ EXAMPLES = (
 )
 
 
-@stage_command(STAGE, resume=True)
+@stage_command(STAGE)
 def train_translator(
     given: Given,
     demos: Annotated[Path | None, typer.Argument(help="Demonstrations (default: the path on standard input).")] = None,

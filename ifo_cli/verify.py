@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from artifacts.errors import ArtifactError
+from ifo_cli.options import Given, stage_command
 from ifo_cli.streams import emit, inputs_or_stdin
 
 EXAMPLES = (
@@ -19,7 +20,9 @@ EXAMPLES = (
 )
 
 
+@stage_command("verify")
 def verify(
+    given: Given,
     files: Annotated[
         list[Path] | None,
         typer.Argument(

@@ -22,7 +22,7 @@ from stages.simulation.gl import choose_backend
 HERE = Path(os.path.relpath(Path(__file__).parent))
 RUNS, EVALUATIONS = Path("runs/gps"), HERE / "gps"
 TASK = "push-real"
-OPTIONS = ("--reward", "oracle", "--ramp", "task", "--iterations", 20, "--episodes", 10)
+OPTIONS = ("--reward", "oracle", "--iterations", 20, "--episodes", 10)
 LEARNERS = {
     "gps": ("--learner", "gps"),
     "starts": ("--learner", "gps", "--starts", 3),

@@ -48,7 +48,7 @@ METHODS: dict[str, tuple[object, ...]] = {
     "network": (),
     "pretrained": ("--reward", "pretrained"),
     "joints": ("--reward", "joints"),
-    "oracle": ("--reward", "oracle", "--ramp", "task"),  # as the paper has it: where things end counts most
+    "oracle": ("--reward", "oracle"),
 }
 MEANINGS = {
     "translation": "what is tracked are the translation's images and features",

@@ -25,7 +25,7 @@ from stages.config.stages import DemosConfig
 from stages.learners.demonstrators import Demonstrator, Expert, Person
 from stages.runtime.devices import pick_workers
 from stages.runtime.outputs import Output, name_tags
-from stages.runtime.run import RunOptions, StageResult, environment, full_config
+from stages.runtime.run import RunOptions, StageResult, check, environment, full_config
 from stages.runtime.seeding import generator
 from stages.simulation.contexts import Contexts, repeat, take
 from stages.simulation.task import Task
@@ -55,10 +55,11 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
     from stages.simulation.gl import choose_backend
     from stages.simulation.registry import code_digest, distribution, file_name, make_task
 
+    check("collect-demos", config, run)
     choose_backend()
     task = make_task(task_name, typed=True)
     workers = use_threads(pick_workers(run.workers))
-    usual = defaults(run.preset, "collect-demos", task_name)
+    usual = defaults(run.preset, "collect-demos", task_name, own=task.defaults)
     name = file_name(task_name) + name_tags(config, usual, run, 0, DEFAULT_PRESET)
     out = run.out or default_path(Path("runs"), name, "demos")
     drawn_from = distribution(config.contexts, config.vary)
@@ -177,8 +178,6 @@ def playback(rng: np.random.Generator, n: int, frames: int, jitter: float) -> np
 def _check_footage(config: DemosConfig, out: Path) -> None:
     """Refuse to film into a folder that is there, or that the artifact is to lie in."""
     folder = Path(config.videos)
-    if config.crf != DemosConfig.crf and not config.videos:
-        raise UsageError(f"--crf {config.crf} is the quality of the footage: give --videos, too")
     if config.videos and folder.exists():
         raise UsageError(f"--videos {folder}: exists already: remove it, or give another name")
     if config.videos and folder.resolve() in out.resolve().parents:
@@ -210,7 +209,7 @@ def _footage(task: Task, config: DemosConfig) -> Iterator[Film]:
 def _demonstrator(task: Task, expert: Path | None, run: RunOptions, folder: Path) -> Demonstrator:
     """Who is filmed."""
     if task.demonstrator is None:
-        return Expert(task, expert or _found_or_trained_expert(task.name, run, folder))
+        return Expert(task, expert or _found_or_trained_expert(task, run, folder))
     if expert:
         raise UsageError(f"--expert {expert}: {task.name} brings somebody who demonstrates it: leave the option out")
     return Person(task)
@@ -236,18 +235,19 @@ def _find_expert(task_name: str, run: RunOptions, folder: Path) -> Path | None:
     return path
 
 
-def _found_or_trained_expert(task_name: str, run: RunOptions, folder: Path) -> Path:
+def _found_or_trained_expert(task: Task, run: RunOptions, folder: Path) -> Path:
     """The expert of this task and preset in `folder`, trained now if there is none."""
     from stages.train_expert import train_expert
 
-    path = _find_expert(task_name, run, folder)
+    path = _find_expert(task.name, run, folder)
     if path is not None:
         run.progress.say(f"using the expert {path}")
         return path
-    path = _expert_path(task_name, run, folder)
-    run.progress.say(f"no expert of {task_name} yet: training one, kept as {path}")
-    command = f"ifo train-expert {task_name} --preset {run.preset} --seed {run.seed} --out {path}"
+    path = _expert_path(task.name, run, folder)
+    run.progress.say(f"no expert of {task.name} yet: training one, kept as {path}")
+    command = f"ifo train-expert {task.name} --preset {run.preset} --seed {run.seed} --out {path}"
     expert_run = dataclasses.replace(
-        run, out=path, command=command, resume=checkpoint_path(path).exists(), overwrite=False
+        run, out=path, command=command, resume=checkpoint_path(path).exists(), overwrite=False, given=frozenset()
     )
-    return train_expert(task_name, defaults(run.preset, "train-expert", task_name), expert_run).path
+    config = defaults(run.preset, "train-expert", task.name, own=task.defaults)
+    return train_expert(task.name, config, expert_run).path

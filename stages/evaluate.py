@@ -25,7 +25,7 @@ from stages.reporting.methods import describe_method
 from stages.runtime.devices import pick_workers
 from stages.runtime.outputs import Output
 from stages.runtime.progress import Progress
-from stages.runtime.run import RunOptions, StageResult, environment, full_config
+from stages.runtime.run import RunOptions, StageResult, check, environment, full_config
 from stages.runtime.seeding import generator, integer
 from stages.simulation.contexts import Contexts, repeat
 
@@ -47,6 +47,7 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     from stages.simulation.registry import code_digest, make_task
     from stages.simulation.render import RenderPool
 
+    check("evaluate", config, run)
     choose_backend()
     places = [path.resolve() for path in policies]
     twice = [path for path, place in zip(policies, places, strict=True) if places.count(place) > 1]

@@ -19,14 +19,13 @@ from artifacts import (
     sibling,
     stem_of,
 )
-from stages.config.stages import CAMERA, EXPORT_FORMATS, PLAIN_FPS, VIDEO_CRF, ExportConfig
+from stages.config.demonstrations import MOST_FPS, ExportConfig
+from stages.config.names import CAMERA, PLAIN_FPS
 from stages.datasets.export import Export
 from stages.runtime.interrupts import heeded
-from stages.runtime.run import RunOptions, StageResult
+from stages.runtime.run import RunOptions, StageResult, check
 
 AT_A_TIME = 64  # demonstrations in memory
-CRF = range(1, 52)
-FPS = range(1, 1001)
 FILE_SUFFIXES = (".hdf5", ".h5")
 MINARI_NAME = re.compile(r"[-\w]+-v\d+")
 
@@ -46,7 +45,7 @@ def export_demos(demos: Path, config: ExportConfig, run: RunOptions) -> StageRes
         UsageError: The options make no sense, or there is something of that name.
         PlatformError: What writes the format is missing, or there is no room.
     """
-    _check(config)
+    check("export-demos", config, run)
     artifact = read_artifact(demos, "demos")
     out = _free(run.out, demos, config.format)
     count, length, height, width, _ = artifact.describe()["frames"][0]
@@ -55,15 +54,15 @@ def export_demos(demos: Path, config: ExportConfig, run: RunOptions) -> StageRes
     if length < 2:
         raise ArtifactError(f"{demos}: its videos have {length} frame: expected 2 or more")
     fps = config.fps or _fps(artifact)
-    with heeded() as check:
+    with heeded() as check_interrupt:
         export = Export(
             shape=(count, length, height, width),
-            videos=lambda: _videos(artifact, count, length, fps, run, check),
+            videos=lambda: _videos(artifact, count, length, fps, run, check_interrupt),
             camera=config.camera or CAMERA,
             task=_text(config.task or str(artifact.manifest.config.get("task") or "") or "what the videos show"),
             fps=fps,
             video=config.video,
-            crf=config.crf or VIDEO_CRF,
+            crf=config.crf,
             origin={
                 "from": _text(run.command),
                 "demos": _text(demos.name),
@@ -90,9 +89,9 @@ def _write(out: Path, name: str, export: Export) -> None:
 
 
 def _videos(
-    artifact: Artifact, count: int, length: int, fps: int, run: RunOptions, check: Callable[[], None]
+    artifact: Artifact, count: int, length: int, fps: int, run: RunOptions, check_interrupt: Callable[[], None]
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Frames (T, H, W, 3) and times (T,) of all demonstrations, with a `check` for interruptions before each."""
+    """Frames (T, H, W, 3) and times (T,) of all demonstrations, with a check for interruptions before each."""
     with run.progress.bar("export-demos", count, "demos") as bar:
         for start in range(0, count, AT_A_TIME):
             part = slice(start, start + AT_A_TIME)
@@ -100,26 +99,9 @@ def _videos(
             plain = np.broadcast_to(np.arange(length) / fps, frames.shape[:2])
             times = artifact.read("times", part) if "times" in artifact else plain
             for video in zip(frames, times.astype(float), strict=True):
-                check()
+                check_interrupt()
                 yield video
             bar.update(min(start + AT_A_TIME, count))
-
-
-def _check(config: ExportConfig) -> None:
-    if config.format not in EXPORT_FORMATS:
-        raise UsageError(f"--format {config.format}: expected one of {', '.join(EXPORT_FORMATS)}")
-    if config.video and config.format != "lerobot":
-        raise UsageError(f"--video is for --format lerobot: {config.format} holds frames as they are")
-    if config.crf and not config.video:
-        raise UsageError(f"--crf {config.crf} is the quality of a video: give --video, too")
-    if config.crf and config.crf not in CRF:
-        raise UsageError(f"--crf {config.crf}: expected {CRF[0]} (best) to {CRF[-1]}")
-    if config.fps and config.fps not in FPS:
-        raise UsageError(f"--fps {config.fps}: expected {FPS[0]} to {FPS[-1]}")
-    if config.camera and config.format == "minari":
-        raise UsageError(f"--camera {config.camera}: Minari's observations have no name: leave it out")
-    if config.camera and not re.fullmatch(r"\w[-\w]*", config.camera):
-        raise UsageError(f"--camera {config.camera!r}: expected letters, digits, - and _, such as front")
 
 
 def _free(out: Path | None, demos: Path, name: str) -> Path:
@@ -142,7 +124,7 @@ def _fps(artifact: Artifact) -> int:
     times = artifact["times"]
     lasting = float(np.median(times[:, -1] - times[:, 0]))
     rate = (times.shape[1] - 1) / lasting if lasting > 0 else PLAIN_FPS
-    return min(max(round(rate), FPS[0]), FPS[-1])
+    return min(max(round(rate), 1), MOST_FPS)
 
 
 def _minari_name(out: Path) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import closing
@@ -14,20 +13,19 @@ from typing import Any
 import numpy as np
 
 from artifacts import ArtifactError, UsageError, default_path, sha256_of, sibling, write_overview, write_png
+from stages.config.demonstrations import Crop, ImportConfig, parse_crop, parse_size
 from stages.config.presets import DEFAULT_PRESET
-from stages.config.stages import FRAME_SIDES, ImportConfig
 from stages.datasets.finding import find_episodes
-from stages.footage.crops import Crop, centred_crop, check_crop, parse_crop, read_crops, reduced
+from stages.footage.crops import centred_crop, check_crop, read_crops, reduced
 from stages.footage.footage import Footage
 from stages.footage.moments import Segment, choose_frames
 from stages.footage.preview import preview_cell, preview_sheet
 from stages.footage.sources import Source, find_videos
 from stages.runtime.interrupts import heeded
 from stages.runtime.outputs import Output
-from stages.runtime.run import RunOptions, StageResult, environment, full_config
+from stages.runtime.run import RunOptions, StageResult, check, environment, full_config
 from stages.translation.training import FEWEST
 
-MOST_FRAMES = 1000
 PREVIEWED = 200  # videos on a preview, at most
 NAMED = 3  # videos that a note names
 
@@ -45,16 +43,9 @@ class Importer:
     """Goes through videos, leaves out the bad ones, and gathers what is to be said about the others."""
 
     def __init__(self, config: ImportConfig, run: RunOptions) -> None:
-        """Check the options.
-
-        Raises:
-            UsageError: They make no sense.
-        """
         self._config, self._run = config, run
         self.size = parse_size(config.size)
-        self.segment = _segment(config)
-        if config.crop and config.crop_file:
-            raise UsageError("--crop and --crop-file both say what to take of a picture: give one of them")
+        self.segment = Segment(config.frames, config.start, config.end, config.fps)
         self._crop = parse_crop(config.crop) if config.crop else None
         self._crops: dict[Path, Crop] = {}
         self.skipped: list[dict[str, str]] = []
@@ -200,6 +191,7 @@ def import_demos(paths: Sequence[Path], config: ImportConfig, run: RunOptions, p
         ArtifactError: No video can be used; with `config.strict`, one cannot. Nothing is written.
         UsageError: The options make no sense, or the output would replace a video.
     """
+    check("import-demos", config, run)
     importer = Importer(config, run)
     out = run.out or default_path(Path("runs"), _stem(config, run), "demos")
     sources = importer.find(paths)
@@ -215,9 +207,9 @@ def import_demos(paths: Sequence[Path], config: ImportConfig, run: RunOptions, p
     times: list[np.ndarray] = []
     records: list[dict[str, Any]] = []
     at_once = not all(source.part for source in sources)
-    with run.progress.bar("import-demos", len(sources), "videos") as bar, heeded(at_once) as check:
+    with run.progress.bar("import-demos", len(sources), "videos") as bar, heeded(at_once) as check_interrupt:
         for done, source in enumerate(sources, 1):
-            check()
+            check_interrupt()
             taken = importer.take(source)
             if taken is not None:
                 videos[len(times)] = taken.frames
@@ -253,36 +245,6 @@ def _compare_with_task(config: ImportConfig, size: tuple[int, int], run: RunOpti
             f"{task.name} has {task.frames} frames of {width}x{height} pixels: ifo translate takes these for a "
             "--context-image alone"
         )
-
-
-def parse_size(text: str) -> tuple[int, int]:
-    """Height and width of `--size WIDTHxHEIGHT`.
-
-    Raises:
-        UsageError: No translator takes such frames.
-    """
-    match = re.fullmatch(r"(\d{1,4})[xX](\d{1,4})", text)
-    width, height = (int(side) for side in match.groups()) if match else (0, 0)
-    if width not in FRAME_SIDES or height not in FRAME_SIDES:
-        raise UsageError(
-            f"--size {text!r}: expected WIDTHxHEIGHT in multiples of {FRAME_SIDES.step} from {FRAME_SIDES[0]} to "
-            f"{FRAME_SIDES[-1]}, such as 48x48"
-        )
-    return height, width
-
-
-def _segment(config: ImportConfig) -> Segment:
-    for name in ("start", "end", "fps"):
-        value = getattr(config, name)
-        if not 0 <= value < float("inf"):
-            raise UsageError(f"--{name} {value:g}: expected a finite number, 0 or more")
-    if not 2 <= config.frames <= MOST_FRAMES:
-        raise UsageError(f"--frames {config.frames}: expected 2 to {MOST_FRAMES}")
-    if config.end and config.fps:
-        raise UsageError("--end and --fps both say where the last frame is: give one of them")
-    if config.end and config.end <= config.start:
-        raise UsageError(f"--end {config.end:g}: expected more than --start, which is {config.start:g}")
-    return Segment(config.frames, config.start, config.end, config.fps)
 
 
 def _stem(config: ImportConfig, run: RunOptions) -> str:

@@ -11,9 +11,9 @@ from artifacts import default_path
 from stages.config.presets import defaults
 from stages.config.stages import ExpertConfig
 from stages.runtime.checkpoints import Checkpoints
-from stages.runtime.devices import pick_device, pick_workers
+from stages.runtime.devices import pick_workers
 from stages.runtime.outputs import Output, name_tags
-from stages.runtime.run import RunOptions, StageResult, environment, full_config
+from stages.runtime.run import RunOptions, StageResult, check, environment, full_config
 from stages.runtime.seeding import generator
 from stages.simulation.contexts import Contexts, repeat, take
 from stages.simulation.task import State, Task
@@ -38,14 +38,15 @@ def train_expert(task_name: str, config: ExpertConfig, run: RunOptions) -> Stage
     from stages.simulation.gl import choose_backend
     from stages.simulation.registry import code_digest, distribution, file_name, make_task
 
+    check("train-expert", config, run)
     choose_backend(required=False)  # Draws nothing; but mujoco settles on a backend when it is imported.
     task = make_task(task_name, typed=True)
     task.varied(distribution(config.contexts, config.vary))
     if task.demonstrator:
         run.progress.say(f"{task_name} brings somebody who demonstrates it: ifo collect-demos needs no expert of it")
-    pick_device(run.device)
     workers = use_threads(pick_workers(run.workers))
-    tags = name_tags(config, defaults(run.preset, "train-expert", task_name), run, 0, run.preset)
+    usual = defaults(run.preset, "train-expert", task_name, own=task.defaults)
+    tags = name_tags(config, usual, run, 0, run.preset)
     out = run.out or default_path(Path("runs"), f"{file_name(task_name)}-{run.preset}{tags}", "expert")
     output = Output.of(out, "expert", "train-expert", config, run, extra={"task": task_name, **code_digest(task)})
     if kept := output.kept():

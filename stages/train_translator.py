@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from artifacts import ArtifactError, UsageError, default_path, read_artifact, stem_of
+from artifacts import ArtifactError, default_path, read_artifact, stem_of
 from stages.config.presets import defaults
-from stages.config.stages import LOSSES, TranslatorConfig
+from stages.config.stages import TranslatorConfig
 from stages.runtime.checkpoints import Checkpoints
 from stages.runtime.devices import pick_device, pick_workers
 from stages.runtime.outputs import Output, name_tags
-from stages.runtime.run import RunOptions, StageResult, environment, full_config
+from stages.runtime.run import RunOptions, StageResult, check, environment, full_config
 
 if TYPE_CHECKING:
     from stages.translation.networks import Translator
@@ -41,12 +41,12 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
     import torch
 
     from stages.runtime.devices import use_threads
+    from stages.simulation.registry import known_defaults
     from stages.translation.alignment import require_tslearn, video_index
     from stages.translation.evaluation import evaluate_translator
     from stages.translation.training import FEWEST, TranslatorTraining, held_out_count, train
 
-    if set(config.without) >= set(LOSSES):
-        raise UsageError("--without trans, rec and align leaves no loss to train on: keep one of the three")
+    check("train-translator", config, run)
     if config.align == "dtw":
         require_tslearn()
     source = read_artifact(demos, "demos")
@@ -54,7 +54,7 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
     workers = pick_workers(run.workers)
     use_threads(workers if run.workers else max(workers // run.processes.here, 1))
     task = str(source.config.get("task") or "")
-    usual = defaults(run.preset, "train-translator", task)
+    usual = defaults(run.preset, "train-translator", task, own=known_defaults(task))
     tags = name_tags(config, usual, run, source.manifest.seed, source.config.get("preset", run.preset))
     out = run.out or default_path(source.path.parent, stem_of(source.path) + tags, "translator")
     output = Output.of(out, "translator", "train-translator", config, run, [source])

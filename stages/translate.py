@@ -25,7 +25,7 @@ from stages.config.presets import defaults
 from stages.config.stages import TranslateConfig
 from stages.runtime.devices import pick_device, pick_workers
 from stages.runtime.outputs import Output, name_tags
-from stages.runtime.run import RunOptions, StageResult, environment, full_config
+from stages.runtime.run import RunOptions, StageResult, check, environment, full_config
 from stages.runtime.seeding import generator
 from stages.simulation.contexts import Contexts
 
@@ -52,9 +52,11 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     from stages.rewards.tracking import motion
     from stages.runtime.devices import use_threads
     from stages.simulation.gl import choose_backend
+    from stages.simulation.registry import known_defaults
     from stages.translation.alignment import at_index, common_index, require_tslearn
     from stages.translation.networks import load_translator, to_frames, to_images
 
+    check("translate", config, run)
     source = read_artifact(translator, "translator")
     demos = source.parent("demos", check=True)
     device = pick_device(run.device)
@@ -64,7 +66,8 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
         require_tslearn()
     model = load_translator(source, device)
     where = Path(config.context_image).stem if config.context_image else f"c{config.context_seed}"
-    usual = defaults(run.preset, "translate", str(source.config.get("task") or ""))
+    task_name = str(source.config.get("task") or "")
+    usual = defaults(run.preset, "translate", task_name, own=known_defaults(task_name))
     tags = name_tags(config, usual, run, source.manifest.seed, source.config.get("preset", run.preset))
     out = run.out or default_path(source.path.parent, f"{stem_of(source.path)}-{where}{tags}", "translation")
     output = Output.of(out, "translation", "translate", config, run, [source], _image_digest(config))
@@ -232,7 +235,8 @@ def _judge(
     from stages.simulation.render import RenderPool
 
     task = expert.task
-    learning = defaults(run.preset, "learn-policy", task.name)  # The reward that will be learned from, as it stands.
+    # The reward that will be learned from, as it stands.
+    learning = defaults(run.preset, "learn-policy", task.name, own=task.defaults)
     with RenderPool.of(task, 1) as pool:
         quality = reward_quality(
             task,

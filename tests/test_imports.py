@@ -152,7 +152,7 @@ def test_no_file_is_too_long_to_read(folder):
 
 
 def test_commands_import_nothing_heavy_when_they_are_loaded():
-    """At module level a command may import typer, rich, and what is light of ours."""
+    """At module level a command may import typer, rich, and what is light of ours, all of `stages.config` among it."""
     light = {
         "stages.runtime.interrupts",
         "artifacts.errors",
@@ -178,4 +178,6 @@ def test_commands_import_nothing_heavy_when_they_are_loaded():
                         "mujoco",
                         "pydantic",
                     )
-                    assert not ours or name in light, f"{path.name} imports {name} when it is loaded"
+                    assert not ours or name in light or name.startswith("stages.config."), (
+                        f"{path.name} imports {name} when it is loaded"
+                    )

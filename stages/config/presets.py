@@ -1,16 +1,20 @@
-"""Presets: every stage's defaults in one place, and what tasks, learners and architectures need otherwise.
+"""What options resolve to: presets, and what tasks, learners and networks need otherwise.
 
-As `stages.config.stages`, this module imports nothing heavy.
+Later layers win: the class of the stage, the preset, the task, the learner or network, the task with that learner or
+network, a file of options, the command line. Light imports only.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from typing import Any
 
+from stages.config.fields import Config
 from stages.config.stages import (
-    HOUSEHOLD,
-    LOCAL_LEARNERS,
+    STAGES,
     DemosConfig,
     EvaluateConfig,
     ExpertConfig,
@@ -18,11 +22,13 @@ from stages.config.stages import (
     TranslateConfig,
     TranslatorConfig,
 )
+from stages.config.tasks import ENTRIES, own_defaults
+from stages.config.tasks.entry import TaskDefaults
 
 DEFAULT_PRESET = "quick"
 EXPERT_LEARNING: dict[str, Any] = {"iterations": 60, "gae_lambda": 0.95}
 
-PRESETS: dict[str, dict[str, Any]] = {
+PRESETS: dict[str, dict[str, Config]] = {
     "toy": {
         "train-expert": ExpertConfig(iterations=4, episodes=64, test_contexts=20, test_episodes=4),
         "collect-demos": DemosConfig(n=64, contexts="narrow", keep_failures=True),
@@ -66,61 +72,83 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
 }
 
-# What a task needs otherwise than its preset: task, or prefix of tasks, -> preset -> stage -> fields.
-_SUITE = {"learner": "sac", "hidden": 128, "discount": 0.99, "test_contexts": 50, "test_episodes": 4}
-# Demonstrations, as many as the paper has but for the ladle, where it has 60: with 60 translators are overfitted.
-_FILMED = dict(zip(HOUSEHOLD, (135, 85, 100, 180), strict=True))
-_ONE_COLOUR: dict[str, Any] = {"swap_colours": False}
-_STRIKE: dict[str, dict[str, Any]] = {"train-expert": {"iterations": 200}, "train-translator": _ONE_COLOUR}
-TASK_DEFAULTS: dict[str, dict[str, dict[str, dict[str, Any]]]] = {
-    "push": {"*": {"train-expert": {"iterations": 150}, "train-translator": _ONE_COLOUR}},
-    "sweep": {"*": {"train-expert": {"iterations": 100}, "train-translator": _ONE_COLOUR}},
-    "strike": {
-        # R_feat bars the way to the ball (results/LOG.md).
-        "*": {**_STRIKE, "learn-policy": {"image_weight": 8.0}},
-        "paper": _STRIKE,
+# What a learner or a network needs otherwise than the presets: preset -> stage -> learner or network -> fields.
+_GPS: dict[str, Any] = {"kl": 1.0, "log_std": 0.0}
+_GPS_FULL: dict[str, Any] = {**_GPS, "iterations": 20, "episodes": 10, "checkpoint_every": 1}
+VARIANTS: TaskDefaults = {
+    "toy": {
+        "learn-policy": {"gps": {**_GPS, "iterations": 3, "episodes": 5}},
+        "train-translator": {"real": {"lambda_align": 0.2}},
     },
-    **{task: {"*": {"collect-demos": {"n": n}}, "toy": {"collect-demos": {"n": 32}}} for task, n in _FILMED.items()},
-    "dm:": {
-        "*": {
-            "train-expert": {**_SUITE, "iterations": 60, "episodes": 4, "updates": 0.25},
-            "collect-demos": {"n": 1024},
-            "learn-policy": {"iterations": 100, "episodes": 20},
-            "evaluate": {"episodes": 20},
-        },
-        "toy": {
-            "train-expert": {**_SUITE, "iterations": 2, "episodes": 2, "test_contexts": 4, "test_episodes": 2},
-            "collect-demos": {"n": 32},
-            "learn-policy": {"iterations": 2, "episodes": 4},
-            "evaluate": {"episodes": 2},
-        },
+    "quick": {"learn-policy": {"gps": _GPS_FULL}, "train-translator": {"real": {"lambda_align": 0.2}}},
+    "paper": {
+        "learn-policy": {"gps": _GPS_FULL},
+        "train-translator": {"real": {"lambda_align": 0.2, "steps": 63_000}},
     },
-}
-# What a learner or an architecture needs otherwise than the preset and the task have it: it -> preset -> fields.
-CHOICE_DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
-    "gps": {
-        "*": {"iterations": 20, "episodes": 10, "kl": 1.0, "log_std": 0.0, "checkpoint_every": 1},
-        "toy": {"iterations": 3, "episodes": 5, "kl": 1.0, "log_std": 0.0},
-    },
-    "real": {"*": {"lambda_align": 0.2}, "paper": {"lambda_align": 0.2, "steps": 63_000}},
 }
 
 
-def defaults(preset: str, stage: str, task: str = "", choice: str = "") -> Any:
-    """The configuration of `stage` under `preset`, with what `task` and the learner or architecture need otherwise."""
+@dataclass(frozen=True)
+class Resolved:
+    """A configuration, and for each of its fields who set it."""
+
+    config: Any
+    origins: dict[str, str]
+
+    def with_(self, origin: str, values: Mapping[str, Any]) -> Resolved:
+        """The same with other `values`, which `origin` set."""
+        return Resolved(replace(self.config, **values), {**self.origins, **dict.fromkeys(values, origin)})
+
+
+def resolve(stage: str, preset: str, task: str = "", choice: str = "", own: TaskDefaults | None = None) -> Resolved:
+    """What the options of `stage` are where nobody gives any.
+
+    Args:
+        stage: Name of the stage.
+        preset: Name of the preset.
+        task: Name of the task; empty: none is known.
+        choice: The learner or network that was chosen; empty: the one that preset and task have.
+        own: What the task needs otherwise than the presets; None: look `task` up among ours.
+    """
+    own = own_defaults(task) if own is None else own
+    plain = STAGES[stage]()
     config = PRESETS[preset][stage]
-    for prefix, presets in TASK_DEFAULTS.items():
-        if task == prefix or (prefix.endswith(":") and task.startswith(prefix)):
-            own = presets.get(preset, presets["*"] if preset != "toy" else {})
-            config = replace(config, **own.get(stage, {}))
-    if choice in CHOICE_DEFAULTS:
-        config = replace(config, **CHOICE_DEFAULTS[choice].get(preset, CHOICE_DEFAULTS[choice]["*"]))
-    if choice in LOCAL_LEARNERS and task in HOUSEHOLD:
-        config = replace(config, log_std=-1.2)  # Seven joints that all tremble move a tool far.
-        if preset != "paper":  # Early frames and wide blurs lead to where the tool is to go (results/LOG.md).
-            fine = 0.0 if task == "push-real" else 3.0  # One large can is seen well enough under a wide blur.
-            config = replace(config, blur=8.0, fine_blur=fine, ramp="none")
-        if preset == "quick":  # 500 episodes at most, as results/real.py has it
-            rollouts = (25, 20) if task == "push-real" else (50, 10)
-            config = replace(config, iterations=rollouts[0], episodes=rollouts[1])
-    return config
+    changed_by_preset = [item.name for item in fields(plain) if getattr(config, item.name) != getattr(plain, item.name)]
+    origins = {item.name: "default" for item in fields(plain)}
+    resolved = Resolved(config, origins | dict.fromkeys(changed_by_preset, f"preset {preset}"))
+    of_task = own.get(preset, {}).get(stage, {})
+    resolved = resolved.with_(f"task {task}", _without_variants(of_task))
+    if config.VARIANT:
+        chosen = choice or getattr(resolved.config, config.VARIANT)
+        for origin, mapping in (
+            (f"{config.VARIANT} {chosen}", VARIANTS[preset].get(stage, {})),
+            (f"task {task} with {chosen}", of_task),
+        ):
+            resolved = resolved.with_(origin, mapping.get(chosen, {}))
+    return resolved
+
+
+def _without_variants(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if not isinstance(value, Mapping)}
+
+
+def defaults(preset: str, stage: str, task: str = "", choice: str = "", own: TaskDefaults | None = None) -> Any:
+    """The configuration of `stage` under `preset`, with what `task` and the learner or network need otherwise."""
+    return resolve(stage, preset, task, choice, own).config
+
+
+def changed(stage: str, config: Config) -> frozenset[str]:
+    """Names of the fields whose value comes from no preset, task, learner or network of ours: somebody chose it."""
+    known: dict[str, set[Any]] = {item.name: {getattr(type(config)(), item.name)} for item in fields(config)}
+    choice = getattr(config, config.VARIANT) if config.VARIANT else ""
+    for other in _unchosen(stage, choice) if stage in STAGES else ():
+        for name in known:
+            known[name].add(getattr(other, name))
+    return frozenset(name for name, values in known.items() if getattr(config, name) not in values)
+
+
+@lru_cache
+def _unchosen(stage: str, choice: str) -> tuple[Any, ...]:
+    """Every configuration of a stage in which nobody chose anything, or nothing but a learner or network."""
+    cases = itertools.product(PRESETS, ("", *ENTRIES), {"", choice})
+    return tuple({defaults(preset, stage, task, chosen) for preset, task, chosen in cases})

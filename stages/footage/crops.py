@@ -5,35 +5,14 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from artifacts import ArtifactError, UsageError
+from artifacts import ArtifactError
+from stages.config.demonstrations import Crop
 from stages.footage.sources import Source
 
 COLUMNS = ("video", "x", "y", "w", "h")
-
-
-class Crop(NamedTuple):
-    """A rectangle in pixels: its left, top, width and height."""
-
-    x: int
-    y: int
-    w: int
-    h: int
-
-
-def parse_crop(text: str) -> Crop:
-    """The crop that `--crop X,Y,W,H` names.
-
-    Raises:
-        UsageError: It is no rectangle.
-    """
-    crop = _crop(text.split(","))
-    if crop is None:
-        raise UsageError(f"--crop {text!r}: expected X,Y,W,H in whole pixels, such as 200,0,720,720")
-    return crop
 
 
 def read_crops(path: Path, sources: Sequence[Source]) -> tuple[list[Crop], list[str]]:
@@ -51,7 +30,7 @@ def read_crops(path: Path, sources: Sequence[Source]) -> tuple[list[Crop], list[
             if missing := [name for name in COLUMNS if name not in (reader.fieldnames or ())]:
                 raise ArtifactError(f"{path}: has no column {missing[0]!r}: expected {','.join(COLUMNS)} in line 1")
             for row in reader:
-                crop = _crop([row[name] or "" for name in COLUMNS[1:]])
+                crop = Crop.of([row[name] or "" for name in COLUMNS[1:]])
                 if crop is None:
                     raise ArtifactError(f"{path}, line {reader.line_num}: expected x,y,w,h in whole pixels")
                 if not row["video"] or "\0" in row["video"]:
@@ -94,11 +73,3 @@ def reduced(picture: np.ndarray, crop: Crop, size: tuple[int, int]) -> np.ndarra
     part = np.ascontiguousarray(picture[crop.y : crop.y + crop.h, crop.x : crop.x + crop.w])
     shrinks = crop.h >= size[0] and crop.w >= size[1]
     return cv2.resize(part, size[::-1], interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
-
-
-def _crop(words: Sequence[str]) -> Crop | None:
-    try:
-        crop = Crop(*map(int, words))
-    except (ValueError, TypeError):
-        return None
-    return crop if crop.x >= 0 and crop.y >= 0 and crop.w > 0 and crop.h > 0 else None

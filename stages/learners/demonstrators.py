@@ -133,5 +133,8 @@ def filmed_contexts(demos: Artifact) -> tuple[str, str]:
     Imported demonstrations do not record one: theirs is what `collect-demos` would draw from under their preset.
     """
     if demos.config.get("stage") == IMPORTED:
-        return defaults(demos.config["preset"], "collect-demos", demos.config.get("task") or "").contexts, ""
+        from stages.simulation.registry import task_defaults
+
+        task = demos.config.get("task") or ""
+        return defaults(demos.config["preset"], "collect-demos", task, own=task_defaults(task)).contexts, ""
     return demos.config["contexts"], demos.config.get("vary", "")

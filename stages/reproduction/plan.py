@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from stages.config.presets import DEFAULT_PRESET
 from stages.config.stages import TASKS
 from stages.reporting.names import method_name, short_name
 
@@ -153,7 +154,7 @@ class Grid:
     tasks: tuple[str, ...] = TASKS
     methods: tuple[str, ...] = ()
     contexts: int = 10
-    preset: str = "quick"
+    preset: str = DEFAULT_PRESET
     seed: int = 0
 
     def methods_of(self, task: str) -> tuple[str, ...]:

@@ -162,8 +162,11 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
 
 def _learning(source: Artifact) -> PolicyConfig:
     """What learn-policy would use on this translation."""
-    preset = source.config.get("preset")
-    return defaults(preset if preset in PRESETS else DEFAULT_PRESET, "learn-policy", source.config.get("task") or "")
+    from stages.simulation.registry import task_defaults
+
+    preset, task = source.config.get("preset"), source.config.get("task") or ""
+    preset = preset if preset in PRESETS else DEFAULT_PRESET
+    return defaults(preset, "learn-policy", task, own=task_defaults(task))
 
 
 def _frame_every(source: Artifact) -> int:

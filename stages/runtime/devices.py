@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from artifacts.errors import PlatformError, UsageError
+from stages.config.common import check_device
 
 MAX_WORKERS_A_CORE = 4
 
@@ -16,15 +17,12 @@ def pick_device(device: str) -> str:
     """
     import torch
 
+    check_device(device)
     if device == "auto":
         return "cuda" if torch.cuda.is_available() else "cpu"
     if device == "cpu":
         return device
-    if not device.startswith("cuda"):
-        raise UsageError(f"--device {device}: expected auto, cpu, cuda or cuda:N")
-    index = int(device.partition(":")[2] or 0) if device.partition(":")[2].isdigit() or device == "cuda" else -1
-    if index < 0:
-        raise UsageError(f"--device {device}: expected auto, cpu, cuda or cuda:N")
+    index = int(device.partition(":")[2] or 0)
     if not torch.cuda.is_available() or index >= torch.cuda.device_count():
         raise PlatformError(f"--device {device}: torch sees no such CUDA device here; use --device cpu")
     return device

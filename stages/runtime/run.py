@@ -9,6 +9,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from stages.config.common import check_device
+from stages.config.fields import Config
+from stages.config.presets import DEFAULT_PRESET, changed
 from stages.runtime.processes import Processes
 from stages.runtime.progress import Progress
 
@@ -28,9 +31,10 @@ class RunOptions:
         command: The command line, for the artifact's lineage.
         progress: Where progress and messages go.
         processes: The processes that share the run.
+        given: Names of the options that the user gave; None: those whose values no preset and no task of ours brings.
     """
 
-    preset: str = "quick"
+    preset: str = DEFAULT_PRESET
     seed: int = 0
     device: str = "auto"
     workers: int = 0
@@ -40,6 +44,7 @@ class RunOptions:
     command: str = "ifo"
     progress: Progress = field(default_factory=Progress)
     processes: Processes = field(default_factory=Processes)
+    given: frozenset[str] | None = None
 
 
 @dataclass(frozen=True)
@@ -48,6 +53,16 @@ class StageResult:
 
     path: Path
     summary: dict[str, Any]
+
+
+def check(stage: str, config: Config, run: RunOptions) -> None:
+    """Refuse options of a stage that contradict each other, and given ones that have no effect.
+
+    Raises:
+        UsageError: One line that names the option and what to do.
+    """
+    check_device(run.device)
+    config.validate(changed(stage, config) if run.given is None else run.given)
 
 
 def full_config(stage: str, config: Any, run: RunOptions, **extra: Any) -> dict[str, Any]:

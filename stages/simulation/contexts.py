@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stages.config.names import FACTORS as FACTORS
+
 Contexts = dict[str, np.ndarray]
 
 RED = np.array([1.0, 0.0, 0.0])  # the goal's colour
@@ -17,9 +19,6 @@ N_DISTRACTORS = 5
 DISTRACTOR_RADIUS = 0.11  # metres
 DISTRACTOR_PROBABILITY = 0.5  # of each being there
 DISTRACTOR_REACH = 1.1  # metres from the arm's base: the arm's workspace
-
-# What can vary. A task has its own set of these, and varies by default what the paper varies in it.
-FACTORS = ("azimuth", "elevation", "distance", "colour", "distractors", "goal", "initial")
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ import numpy as np
 
 from artifacts.errors import IfoError
 from stages.config.stages import FRAME_SIDES, RAMPS
+from stages.config.values import checked_defaults
 from stages.simulation.blame import TaskError, broken, definition, failure, modules_of
 from stages.simulation.contexts import FACTORS, ContextDistribution, Contexts
 from stages.simulation.task import State, Task
@@ -50,6 +51,10 @@ def attribute_faults(task: Task) -> Iterator[TaskError]:
             "frame_size",
             f"is {size!r}, expected height and width in multiples of {sides.step} from {sides[0]} to {sides[-1]}",
         )
+    try:
+        checked_defaults(guard.defaults)
+    except ValueError as error:
+        yield broken(task, "defaults", str(error))
     if guard.ramp not in (ramps := RAMPS[1:]):
         yield broken(task, "ramp", f"is {guard.ramp!r}, expected one of {', '.join(ramps)}")
     known: tuple[str, ...] = FACTORS

@@ -9,10 +9,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 from artifacts import IfoError, UsageError, sha256_of
-from stages.config.task_names import SUITE, TRUSTED, check_task_name, is_trusted, plugins
+from stages.config.contexts import parse_factors
+from stages.config.task_names import TRUSTED, check_task_name, is_trusted, plugins
+from stages.config.tasks import entry, own_defaults
+from stages.config.tasks.entry import TaskDefaults
+from stages.config.values import checked_defaults
 from stages.runtime.seeding import generator
 from stages.simulation.blame import definition, failure, modules_of
-from stages.simulation.contexts import DISTRIBUTIONS, FACTORS, ContextDistribution, Contexts
+from stages.simulation.contexts import DISTRIBUTIONS, ContextDistribution, Contexts
+from stages.simulation.gl import choose_backend
 from stages.simulation.guard import attribute_faults, guarded
 from stages.simulation.task import Task
 
@@ -34,6 +39,7 @@ def make_task(name: str, typed: bool = False) -> Task:
     task = guarded(_brought(name, typed))
     for error in attribute_faults(task):
         raise error
+    task.defaults = checked_defaults(task.defaults)
     return task
 
 
@@ -44,23 +50,11 @@ def unguarded_task(name: str, typed: bool = False) -> Task:
 
 def _built_in(name: str) -> Task | None:
     """The task of this package called `name`; None: there is none."""
-    from stages.simulation.tasks.household_ladle import LadleAlmonds
-    from stages.simulation.tasks.household_push import PushReal
-    from stages.simulation.tasks.household_sweep import SweepAlmonds, SweepPaper
-    from stages.simulation.tasks.push import Push
-    from stages.simulation.tasks.reach import Reach
-    from stages.simulation.tasks.strike import Strike
-    from stages.simulation.tasks.sweep import Sweep
-
-    kinds = Reach, Push, Sweep, Strike, PushReal, SweepPaper, SweepAlmonds, LadleAlmonds
-    tasks: dict[str, type[Task]] = {task.name: task for task in kinds}
-    if name in tasks:
-        return tasks[name]()
-    if name.startswith(SUITE):
-        from stages.simulation.tasks.dm import DmTask
-
-        return DmTask(name)
-    return None
+    if (ours := entry(name)) is None:
+        return None
+    module, _, attribute = ours.where.partition(":")
+    made: Callable[..., Task] = getattr(importlib.import_module(module), attribute)
+    return made(name) if ours.name.endswith(":") else made()
 
 
 def _brought(name: str, typed: bool) -> Task:
@@ -69,14 +63,14 @@ def _brought(name: str, typed: bool) -> Task:
     Raises:
         UsageError: It cannot be imported, or is no task.
     """
-    entry = plugins().get(check_task_name(name))
-    if not entry and not typed and not is_trusted(name):
+    plugin = plugins().get(check_task_name(name))
+    if not plugin and not typed and not is_trusted(name):
         raise UsageError(
             f"task {name!r} is code that the file names, and code that a file names is imported only with your "
             f"permission: if you trust it, export {TRUSTED}={name}"
         )
-    load: Callable[[], object] = entry.load if entry else lambda: _attribute(name)
-    module = entry.module if entry else name.partition(":")[0]
+    load: Callable[[], object] = plugin.load if plugin else lambda: _attribute(name)
+    module = plugin.module if plugin else name.partition(":")[0]
     made: object = None
     try:
         made = load()
@@ -114,6 +108,25 @@ def code_digest(task: Task) -> dict[str, str]:
     return {"task_code": " ".join(digests)} if digests else {}
 
 
+def task_defaults(name: str, typed: bool = False) -> TaskDefaults:
+    """What the task called `name` needs otherwise than the presets.
+
+    For tasks of ours nothing is imported; tasks of users are made, as by `make_task`.
+
+    Raises:
+        UsageError: There is no such task, it may not be imported, or it is broken.
+    """
+    if not name or entry(name) is not None:
+        return own_defaults(name)
+    choose_backend(required=False)  # The task may import mujoco, which settles on a backend then.
+    return make_task(name, typed).defaults
+
+
+def known_defaults(name: str) -> TaskDefaults:
+    """As `task_defaults`, of a task that a file names; empty where it may not be imported."""
+    return task_defaults(name) if is_trusted(name) else {}
+
+
 def file_name(task_name: str) -> str:
     """The task's name as part of a file name."""
     return task_name.replace(":", "-").replace("/", "-")
@@ -130,12 +143,8 @@ def distribution(name: str, vary: str = "") -> ContextDistribution:
     """
     if name not in DISTRIBUTIONS:
         raise UsageError(f"--contexts {name!r}: expected one of {', '.join(DISTRIBUTIONS)}")
-    if not vary:
-        return DISTRIBUTIONS[name]
-    factors = frozenset(word.strip() for word in vary.split(","))
-    if unknown := sorted(factors - set(FACTORS)):
-        raise UsageError(f"--vary {unknown[0]!r}: expected some of {', '.join(FACTORS)}, separated by commas")
-    return dataclasses.replace(DISTRIBUTIONS[name], vary=factors)
+    factors = parse_factors(vary)
+    return DISTRIBUTIONS[name] if factors is None else dataclasses.replace(DISTRIBUTIONS[name], vary=factors)
 
 
 def learner_context(task: Task, context_seed: int, drawn_from: ContextDistribution) -> Contexts:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from artifacts.errors import UsageError
+from stages.config.tasks.entry import TaskDefaults
 from stages.simulation.contexts import ContextDistribution, Contexts
 
 if TYPE_CHECKING:
@@ -53,6 +55,9 @@ class Task(ABC):
         camera: Name or id of the camera that contexts place.
         oversampling: Frames are rendered this many times as high and wide, and averaged over blocks, as real footage
             is when it is reduced. 1 is faster, and sufficient where no demonstration is real.
+        defaults: Options for which the task needs other values than the presets: preset -> stage -> field -> value,
+            such as {"quick": {"collect-demos": {"n": 512}}}. A learner or network in place of a field holds the fields
+            that apply only with it: {"quick": {"learn-policy": {"gps": {"blur": 8.0}}}}.
     """
 
     name: str
@@ -68,6 +73,7 @@ class Task(ABC):
     truncates: bool = False
     camera: str | int = "context"
     oversampling: int = 1
+    defaults: TaskDefaults = MappingProxyType({})
 
     @property
     def frames(self) -> int:

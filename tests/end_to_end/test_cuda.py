@@ -50,7 +50,7 @@ def test_learns_and_evaluates(folder, ifo, tmp_path, words):
     done = ifo(folder, "learn-policy", "x.translation.h5", *words.split(), *ON_GPU, "--out", policy)
     assert done.returncode == 0, done.stderr
     assert read_artifact(policy).manifest.environment["device"] == "cuda"
-    done = ifo(folder, "evaluate", policy, "--device", "cuda", "--json", "--out", tmp_path / "x.evaluation.h5")
+    done = ifo(folder, "evaluate", policy, "--json", "--out", tmp_path / "x.evaluation.h5")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["runs"] == 1
 

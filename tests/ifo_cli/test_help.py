@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import re
 import resource
 import subprocess
@@ -121,3 +122,15 @@ def test_readme_lists_the_commands():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\| `ifo ([a-z-]+)", text, re.M)
     assert listed == COMMANDS
+
+
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_examples_can_be_copied_at_80_columns(run_ifo, monkeypatch, command):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("TERMINAL_WIDTH", "80")
+    _, out, _ = run_ifo(*filter(None, [command]), "--help")
+    shown = re.split(r"Examples?:\s*\n", out)[-1]
+    lines = " ".join(line.strip() for line in shown.splitlines()).replace(" \\ ", " ").strip()
+    module = importlib.import_module(f"ifo_cli.{command.replace('-', '_') or 'main'}")
+    assert lines == " ".join(module.EXAMPLES if command else (module.PIPELINE,))
+    assert all(line.strip().startswith("ifo ") for line in re.sub(r"\\\s*\n", "", shown).splitlines() if line.strip())

@@ -59,7 +59,7 @@ def test_inspect_shows_an_imported_artifact(run_ifo, video, tmp_path):
         ("--size 4800x4800", ["--size", "from 16 to 512"]),
         ("--size big", ["--size", "48x48"]),
         ("--frames 1", ["--frames 1", "2 to 1000"]),
-        ("--start -1", ["--start", "0 or more"]),
+        ("--start -1", ["--start -1", "0 or more"]),
         ("--end nan", ["--end", "finite"]),
         ("--start 3 --end 2", ["--end 2", "--start"]),
         ("--end 2 --fps 3", ["--end and --fps"]),

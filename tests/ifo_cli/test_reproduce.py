@@ -17,7 +17,7 @@ def test_a_dry_run_prints_commands_and_makes_nothing(run_ifo, tmp_path):
     ("words", "message"),
     [
         (("--only", "reach,pull"), "--only 'pull'"),
-        (("--methods", "magic"), "--methods 'magic': expected some of oracle"),
+        (("--methods", "magic"), "--methods 'magic': expected a comma-separated choice of oracle"),
     ],
 )
 def test_unknown_names_are_refused(run_ifo, words, message, tmp_path):

@@ -108,8 +108,7 @@ class GuidedPolicySearch:
         reward = env.reward
         if not isinstance(reward, TrackingReward):
             raise UsageError(f"--learner gps: expected --reward {', '.join(TRACKED_REWARDS)}, which track a target")
-        if not config.kl > 0:
-            raise UsageError("--kl 0 lets --learner gps change nothing: expected more, such as 1")
+        config.check_together()
         if env.task.control_steps > MOST_STEPS:
             raise UsageError(
                 f"--learner gps fits dynamics to every control step: expected at most {MOST_STEPS} an episode, "

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from artifacts.errors import UsageError
+from stages.config.tasks import own_defaults
 from stages.simulation.contexts import RED, ContextDistribution, Contexts, draw_camera, draw_colours
 from stages.simulation.task import State, Task
 
@@ -50,6 +51,7 @@ COLOUR_GAP = 0.35
 class DmTask(Task):
     """A task of dm_control's suite; success is a distance below one half, that is, a return above 500."""
 
+    defaults = own_defaults(PREFIX)
     factors = ("azimuth", "elevation", "distance", "colour", "initial")
     default_factors = ("azimuth", "colour", "initial")
     control_steps = CONTROL_STEPS

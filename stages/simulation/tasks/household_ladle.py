@@ -12,6 +12,7 @@ import numpy as np
 from dm_control import mjcf
 from scipy.spatial.transform import Rotation
 
+from stages.config.tasks import own_defaults
 from stages.simulation.contexts import Contexts
 from stages.simulation.task import State
 from stages.simulation.tasks.household import Household
@@ -47,6 +48,7 @@ class LadleAlmonds(Household):
     """
 
     name = "ladle-almonds"
+    defaults = own_defaults(name)
     start = (-0.14, 0.0, LIFT, 0.0, 0.0)
     base = (-1.35, 0.0, 0.0)
     held = (0, 1, 0, 1)

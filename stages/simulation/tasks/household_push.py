@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from dm_control import mjcf
 
+from stages.config.tasks import own_defaults
 from stages.simulation.contexts import Contexts
 from stages.simulation.task import State
 from stages.simulation.tasks.fields import ModelFields
@@ -33,6 +34,7 @@ class PushReal(Household):
     """
 
     name = "push-real"
+    defaults = own_defaults(name)
     success_threshold = 0.25
     ramp = "quadratic"
     start = (-0.26, 0.0, 0.025, 0.0, 0.0)

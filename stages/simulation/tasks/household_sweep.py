@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from dm_control import mjcf
 
+from stages.config.tasks import own_defaults
 from stages.simulation.contexts import Contexts
 from stages.simulation.task import State
 from stages.simulation.tasks.household import YELLOW, Household, add_piece, plate
@@ -117,6 +118,7 @@ class SweepPaper(SweepReal):
     """Sweep-paper: three crumpled sheets of paper."""
 
     name = "sweep-paper"
+    defaults = own_defaults(name)
     pieces, radius, height, mass, damping = 3, 0.028, 0.056, 0.02, 0.6
     rgb, shape, spread = np.array([0.93, 0.92, 0.88]), "sphere", 0.058
 
@@ -125,6 +127,7 @@ class SweepAlmonds(SweepReal):
     """Sweep-almonds: a pile of eighteen."""
 
     name = "sweep-almonds"
+    defaults = own_defaults(name)
     pieces, radius, height, mass, damping = 18, 0.01, 0.02, 0.01, 0.3
     rgb, shape, spread = np.array([0.55, 0.3, 0.12]), "sphere", 0.058
 

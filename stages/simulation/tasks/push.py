@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from dm_control import mjcf
 
+from stages.config.tasks import own_defaults
 from stages.simulation.contexts import (
     DISTRACTOR_RADIUS,
     RED,
@@ -70,6 +71,7 @@ class Push(Task):
     """
 
     name = "push"
+    defaults = own_defaults(name)
     factors = ("azimuth", "elevation", "distance", "colour", "distractors", "goal", "initial")
     default_factors = ("azimuth", "distractors", "goal", "initial")
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from dm_control import mjcf
 
+from stages.config.tasks import own_defaults
 from stages.simulation.contexts import (
     DISTRACTOR_RADIUS,
     RED,
@@ -46,6 +47,7 @@ class Reach(Task):
     """Reach, with the paper's timing: 0.01 s a physics step, 5 of them a control step, 50 control steps."""
 
     name = "reach"
+    defaults = own_defaults(name)
     factors = ("azimuth", "elevation", "distance", "colour", "distractors", "goal", "initial")
     default_factors = ("azimuth", "colour", "distractors", "goal", "initial")
 

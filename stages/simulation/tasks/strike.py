@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from dm_control import mjcf
 
+from stages.config.tasks import own_defaults
 from stages.simulation.contexts import RED, ContextDistribution, Contexts, draw_camera, draw_table_and_arm
 from stages.simulation.task import State, Task
 from stages.simulation.tasks.fields import ModelFields
@@ -50,6 +51,7 @@ class Strike(Task):
     """
 
     name = "strike"
+    defaults = own_defaults(name)
     factors = ("azimuth", "elevation", "distance", "colour", "goal", "initial")
     default_factors = ("azimuth", "goal", "initial")
     ramp = "quadratic"

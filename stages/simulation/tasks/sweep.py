@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from dm_control import mjcf
 
+from stages.config.tasks import own_defaults
 from stages.simulation.contexts import ContextDistribution, Contexts, draw_camera, draw_table_and_arm
 from stages.simulation.task import State, Task
 from stages.simulation.tasks.fields import ModelFields
@@ -44,6 +45,7 @@ class Sweep(Task):
     """
 
     name = "sweep"
+    defaults = own_defaults(name)
     factors = ("azimuth", "elevation", "distance", "colour", "initial")
     default_factors = ("azimuth", "initial")
     frame_size = (36, 64)

@@ -177,7 +177,7 @@ def test_a_distribution_varies_what_is_asked_for():
 
 
 def test_an_unknown_factor_is_a_usage_error():
-    with pytest.raises(UsageError, match="--vary 'weather': expected some of azimuth, elevation"):
+    with pytest.raises(UsageError, match="--vary 'weather': expected a comma-separated choice of azimuth, elevation"):
         distribution("paper", "azimuth,weather")
 
 

@@ -1,0 +1,12 @@
+"""Defaults of the household task push-real."""
+
+from stages.config.tasks.entry import TaskEntry
+from stages.config.tasks.household import household
+
+TASK = TaskEntry(
+    "push-real",
+    "stages.simulation.tasks.household_push:PushReal",
+    household=True,
+    # One large can is seen well enough under a wide blur.
+    defaults=household(demos=135, fine_blur=0.0, rollouts=(25, 20)),
+)

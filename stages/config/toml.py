@@ -1,0 +1,97 @@
+"""Files of options: a table for each stage, as --show-config prints them and --config reads them."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from artifacts.errors import UsageError
+from stages.config.commands import COMMANDS
+from stages.config.common import SETTINGS
+from stages.config.values import checked_value, meant
+
+MOST_BYTES = 1 << 20
+STAGES_WITH_TABLES = tuple(name for name, command in COMMANDS.items() if "config" in command.names)
+
+
+@dataclass(frozen=True)
+class Table:
+    """What a file of options says of one stage.
+
+    Attributes:
+        settings: Options of the run: preset, seed, device, workers.
+        config: Options of the stage.
+    """
+
+    settings: dict[str, Any]
+    config: dict[str, Any]
+
+
+def read_table(path: Path, stage: str) -> Table:
+    """The table of `stage` in a file of options; empty where there is none. Tables of other stages are not looked at.
+
+    Raises:
+        UsageError: The file cannot be read, or holds what the stage does not take.
+    """
+    tables = _load(path)
+    for name, table in tables.items():
+        if not isinstance(table, Mapping):
+            raise UsageError(f"{path}: {name}: expected a table named after a stage, such as [{stage}]")
+        if name not in STAGES_WITH_TABLES:
+            stages = meant(name, STAGES_WITH_TABLES)
+            raise UsageError(f"{path}: [{name}]: expected a table named after a stage, {stages}")
+    command = COMMANDS[stage]
+    settings: dict[str, Any] = {}
+    config: dict[str, Any] = {}
+    for name, value in tables.get(stage, {}).items():
+        shared = name in SETTINGS and name in command.names
+        try:
+            taken = checked_value(command.shared if shared else command.config, name, value)
+        except ValueError as error:
+            raise UsageError(f"{path}: [{stage}] {name} = {_text(value)}: {error}") from error
+        (settings if shared else config)[name] = taken
+    return Table(settings, config)
+
+
+def _load(path: Path) -> dict[str, Any]:
+    try:
+        with open(path, "rb") as file:
+            data = file.read(MOST_BYTES + 1)
+        if len(data) > MOST_BYTES:
+            raise UsageError(f"--config {path}: more than {MOST_BYTES >> 20} MiB: expected a file of options, in TOML")
+        return tomllib.loads(data.decode("utf-8"))
+    except OSError as error:
+        raise UsageError(f"--config {path}: cannot be read ({error.strerror}): expected a file of options") from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        reason = " ".join(str(error).split())
+        raise UsageError(f"--config {path}: is not TOML ({reason}): expected what --show-config prints") from error
+
+
+def as_toml(stage: str, values: Mapping[str, Any], origins: Mapping[str, str], note: str) -> str:
+    """A table of options, with the origin of each as a comment. By hand: what reads TOML here does not write it, and
+    comments of writers are a matter of style.
+
+    Args:
+        stage: The table's name.
+        values: The options; None is left out.
+        origins: Who set each.
+        note: The first line, a comment.
+    """
+    rows = [(f"{name} = {_text(value)}", origins[name]) for name, value in values.items() if value is not None]
+    width = max(len(assignment) for assignment, _ in rows)
+    return "\n".join([f"# {note}", f"[{stage}]", *(f"{row:{width}}  # {origin}" for row, origin in rows)])
+
+
+def _text(value: Any) -> str:
+    """A value of a TOML file."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_text, value))}]"
+    if isinstance(value, int | float):
+        return repr(value)
+    return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007F")
