@@ -16,30 +16,32 @@ def real() -> Translator:
 
 
 @pytest.mark.parametrize("network", [compact, real])
-@pytest.mark.parametrize("reconstructed", [None, [2, 0]])
-def test_losses_equal_their_definition_frame_by_frame(network, reconstructed):
+@pytest.mark.parametrize(("reconstructed", "motion_weight"), [(None, 0.0), ([1], 0.0), (None, 2.5), ([1, 0], 2.5)])
+def test_losses_equal_their_definition_frame_by_frame(network, reconstructed, motion_weight):
     with torch.random.fork_rng():
         torch.manual_seed(1)
         model = network().double()
         for parameter in model.parameters():
             parameter.data += 0.05 * torch.randn_like(parameter)
-        videos = torch.rand(3, 4, 3, 16, 16, dtype=torch.float64) * 2 - 1
-    source = torch.tensor([2, 0, 1])
+        videos = torch.rand(3, 3, 3, 16, 16, dtype=torch.float64) * 2 - 1
+    sources = [torch.tensor([2, 0, 1]), torch.tensor([1, 2, 0])]
     chosen = None if reconstructed is None else torch.tensor(reconstructed)
-    got = translation_losses(model, videos[:, 1:], videos[:, 0], [source], reconstructed=chosen)
-    times = range(3) if reconstructed is None else reconstructed
+    got = translation_losses(model, videos[:, 1:], videos[:, 0], sources, motion_weight, chosen)
+    times = range(2) if reconstructed is None else reconstructed
     trans = rec = align = 0.0
     for j in range(3):
         context = model.encode_context(videos[j, :1])
-        for t in range(1, 4):
-            z1 = model.encode(videos[source[j], t : t + 1])
-            z3 = model.translate(z1, context)
+        for t in range(1, 3):
             truth = videos[j, t : t + 1]
+            moved = ((truth - videos[j, 0]).abs() > 0.1).any(dim=1, keepdim=True)
+            weight = 1 + motion_weight * moved
             own = model.encode(truth)
-            trans += (model.decode(z3, context) - truth).square().sum() / 9
+            for source in sources:
+                z3 = model.translate(model.encode(videos[source[j], t : t + 1]), context)
+                trans += (weight * (model.decode(z3, context) - truth).square()).sum() / 12
+                align += (z3 - own).square().sum() / 12
             if t - 1 in times:
-                rec += (model.decode(own, context) - truth).square().sum() / (3 * len(times))
-            align += (z3 - own).square().sum() / 9
+                rec += (weight * (model.decode(own, context) - truth).square()).sum() / (3 * len(times))
     torch.testing.assert_close(got["trans"], trans)
     torch.testing.assert_close(got["rec"], rec)
     torch.testing.assert_close(got["align"], align)
@@ -60,3 +62,13 @@ def test_motion_weight_counts_moving_pixels_more():
     assert weighted["rec"] > 2 * plain["rec"]
     torch.testing.assert_close(last["rec"], weighted["rec"], msg="both frames are alike")
     torch.testing.assert_close(unmoved["rec"], unmoved_plain["rec"])
+
+
+def test_without_pairings_only_reconstruction_is_left():
+    model, videos = compact(), torch.rand(2, 2, 3, 16, 16) * 2 - 1
+    with torch.no_grad():
+        got = translation_losses(model, videos, videos[:, 0], [])
+        paired = translation_losses(model, videos, videos[:, 0], [torch.tensor([1, 0])])
+    assert float(got["trans"]) == float(got["align"]) == 0.0
+    torch.testing.assert_close(got["rec"], paired["rec"])
+    assert got["trans"].shape == ()
