@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from artifacts import write_artifact
+from stages.reporting.intervals import wilson
 
 
 @pytest.fixture
@@ -16,7 +17,8 @@ def evaluation(tmp_path):
 
     def write(name="x", seed=0):
         names = ("initial_distance", "final_distance", "final_distance_stochastic", "normalised_distance")
-        arrays = dict.fromkeys((*names, "normalised_distance_stochastic"), np.full((1, 2), 0.25))
+        arrays = dict.fromkeys(names, np.full((1, 2), 0.75))
+        arrays["normalised_distance_stochastic"] = np.full((1, 2), 0.25)
         run = {"policy": "p", "reward": "oracle", "method": "oracle", "seed": seed, "context_seed": 0}
         config = {
             "task": "reach",
@@ -48,19 +50,34 @@ def test_json(run_ifo, evaluation, tmp_path):
     printed = json.loads(out)
     assert code == 0 and out.count("\n") == 1
     assert (printed["kind"], printed["evaluations"], printed["duplicates"]) == ("report", 1, 0)
-    [method] = printed["methods"]
-    assert (method["task"], method["method"], method["succeeded"], method["papers_own_success"]) == (
-        "reach",
-        "oracle",
-        1,
-        0.9,
-    )
+    low, high = wilson(1, 1)
+    assert printed["methods"] == [
+        {
+            "task": "reach",
+            "method": "oracle",
+            "runs": 1,
+            "succeeded": 1,
+            "success_paper": 1.0,
+            "success_paper_interval": [low, high],
+            "success_deterministic": 0.0,
+            "normalised_distance": 0.25,
+            "normalised_distance_interval": [0.25, 0.25],
+            "samples": 10.0,
+            "learning_minutes": 1.0,
+            "translator_minutes": None,
+            "papers_own_success": 0.9,
+        }
+    ]
 
 
 def test_files_named_twice_count_once_and_runs_twice_there_are_said(run_ifo, evaluation, tmp_path):
     first, out = evaluation("first"), tmp_path / "page.html"
     code, _, err = run_ifo("report", first, first.parent, "--out", out)
     assert code == 0 and "count once" not in err and "Runs: 1, of evaluation artifacts: 1" in out.read_text()
+    link = tmp_path / "link.evaluation.h5"
+    link.symlink_to(first)
+    code, _, err = run_ifo("report", first, link, "--out", out)
+    assert code == 0 and "count once" not in err
     second = evaluation("second")
     code, _, err = run_ifo("report", first, second, "--out", out)
     assert code == 0 and "count once" in err and str(first) in err and str(second) in err

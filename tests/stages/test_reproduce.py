@@ -16,6 +16,7 @@ import stages.reproduce
 from artifacts import ArtifactError, PlatformError
 from stages.config.stages import TASKS
 from stages.reproduce import Execution, missing, reproduce
+from stages.reproduction import times as times_of
 from stages.reproduction.plan import ABLATED, COMPARED, METHODS, Grid, Job, plan, wanted
 from stages.reproduction.times import longest_chain, minutes
 from stages.runtime.progress import Progress
@@ -56,6 +57,7 @@ def test_estimates_add_up():
     assert all(value > 0 for value in times.values())
     assert times["reach-whole.translator.h5"] > 5 > times["reach-blank.translator.h5"]
     assert times["reach-gail-c0.policy.h5"] > times["reach-oracle-c0.policy.h5"]
+    assert times["reach-gail-c0.evaluation.h5"] == (times_of.START + times_of.EVALUATE) / 60
     assert max(times.values()) < longest_chain(jobs, "quick") < sum(times.values())
 
 

@@ -65,16 +65,7 @@ class Family:
         self._made = 0
         self.collect(**demos)
         self.train()
-        self._write(
-            "translation",
-            {
-                "context_frame": np.zeros((8, 8, 3), np.uint8),
-                "target_features": np.zeros((3, 4)),
-                "target_images": np.zeros((3, 8, 8, 3), np.uint8),
-            },
-            {},
-            ["translator"],
-        )
+        self.translate()
         self._write("policy", {"weights/a": np.zeros(3)}, {"reward": reward, "without": []}, ["translation"])
 
     def collect(self, **config):
@@ -88,6 +79,16 @@ class Family:
         self._made += 1
         arrays = {"weights/a": np.full(3, self._made), "curve/seconds": np.array([60.0, 60.0])}
         self._write("translator", arrays, {"without": list(without), "steps": steps}, ["demos"])
+
+    def translate(self):
+        """A translation that differs from any before."""
+        self._made += 1
+        arrays = {
+            "context_frame": np.zeros((8, 8, 3), np.uint8),
+            "target_features": np.full((3, 4), float(self._made)),
+            "target_images": np.zeros((3, 8, 8, 3), np.uint8),
+        }
+        self._write("translation", arrays, {}, ["translator"])
 
     def describe(self):
         return describe_method(read_artifact(self.paths["policy"], "policy"))
@@ -121,6 +122,14 @@ def test_a_translator_that_was_trained_again_is_not_the_policys(family):
     assert found["method"] == "translation (translator unknown)"
     assert found["translator"] is None and found["own_context"] is None
     assert "x.translator.h5, which has changed since" in problem
+
+
+def test_a_translation_that_was_made_again_is_not_the_policys(family):
+    family.train(without=["rec"])
+    family.translate()
+    found, problem = family.describe()
+    assert found["method"] == "translation (translator unknown)" and found["translator"] is None
+    assert "x.translation.h5, which has changed since" in problem
 
 
 @pytest.mark.parametrize(("reward", "named"), [("translation", "translation"), ("gail", "gail"), ("oracle", "oracle")])

@@ -191,6 +191,66 @@ def test_lineage_goes_down_to_command_and_seed(family, make_report):
     assert "gone" not in re.sub(r"<style>.*?</style>", "", page, flags=re.S)
 
 
+def test_lineage_says_what_a_run_came_to(evaluation, make_report):
+    path = evaluation(left=(0.25, 0.75), deterministic=(0.5, 0.125), translator={}, methods=("video",))
+    page = make_report(path)
+    for number, facts in enumerate(
+        (
+            ("0.250", "succeeds", "yes (below 0.5)", "0.2500", "0.5000", "0.000", "2.0000, 0.5000"),
+            ("0.750", "fails", "no (below 0.5)", "0.7500", "0.1250", "1.000", "2.0000, 1.5000"),
+        )
+    ):
+        left, verdict, success, stochastic, deterministic, episodes, distances = facts
+        start = page.index(f"context {number}, seed 0: {left} of the distance left, {verdict}</summary>")
+        section = page[start : page.index("</details>", start)]
+        for name, value in (
+            ("success, paper&#39;s criterion", success),
+            ("distance left, stochastic policy", stochastic),
+            ("distance left, deterministic policy", deterministic),
+            ("deterministic episodes that succeed", episodes),
+            ("initial and final distance", distances),
+            ("samples", "300"),
+            ("learning, minutes", "1.50"),
+        ):
+            assert f"<dt>{name}</dt><dd>{value}</dd>" in section, name
+        assert "translator unknown, " in section and "translator {}" not in section
+
+
+def test_lineage_says_where_a_run_counts_that_is_there_twice(evaluation, make_report, tmp_path):
+    first = evaluation("first", (0.1, 0.2))
+    second = evaluation("second", (0.3,))
+    page = make_report(first, second)
+    [(name, kept)] = re.findall(r"<p>(\S+) counts once, as a run of (\S+)\.</p>", page)
+    [left_out] = {first, second} - {type(first)(kept)}
+    assert name == f"{left_out.name.partition('.')[0]}-c0.policy.h5"
+    [section] = [text for text in page.split('<details id="evaluation-') if "counts once, as" in text]
+    assert f"<b>{left_out.name}</b>" in section
+
+
+def test_a_translation_is_shown_once_and_of_each_task_only_some(family, evaluation, make_report, monkeypatch, tmp_path):
+    monkeypatch.setattr(videos, "MOST_TRANSLATIONS", 2)
+    second = tmp_path / "second.policy.h5"
+    parents = [family["translation"]]
+    write_artifact(second, "policy", {"weights/a": np.ones(3)}, config={}, seed=1, command="ifo", parents=parents)
+    twice = evaluation("twice", (0.25,), parents=[second], first_seed=1)
+    titles = re.compile(r"Translation that (\S+) learned from")
+    assert titles.findall(make_report(family["evaluation"], twice)) == ["x-c0.policy.h5"]
+    more = []
+    for number in range(3):
+        name = f"y{number}"
+        source = read_artifact(family["translation"])
+        arrays = {name: source[name] for name in source.names()}
+        translation = tmp_path / f"{name}.translation.h5"
+        write_artifact(translation, "translation", arrays, config={}, seed=number, command="ifo")
+        write_mp4(sibling(translation, ".mp4"), MOVING)
+        policy = tmp_path / f"{name}.policy.h5"
+        write_artifact(
+            policy, "policy", {"weights/a": np.zeros(3)}, config={}, seed=1, command=name, parents=[translation]
+        )
+        more.append(evaluation(name, (0.25,), parents=[policy], first_seed=number))
+    assert titles.findall(make_report(*more)) == ["y0-c0.policy.h5", "y1-c0.policy.h5"]
+
+
 def test_lineage_says_what_is_gone(family, make_report):
     family["translation"].unlink()
     page = make_report(family["evaluation"])
@@ -232,8 +292,10 @@ def test_what_is_unknown_is_shown_as_unknown(evaluation, make_report, tmp_path):
     minutes = {row["method"]: row["translator_minutes"] for row in csv.DictReader(rows.splitlines())}
     assert minutes["translation"] == "20.0" and minutes["translation (translator unknown)"] == ""
     assert "translator unknown, own_context unknown" in page and "False" not in page and "{}" not in page
-    assert re.search(r"Demonstrations unknown, because files .*demos\.evaluation\.h5", page)
-    assert re.search(r"Translator unknown, because files .*lost\.evaluation\.h5", page)
+    [line] = re.findall(r"Demonstrations unknown, because files .*", page)
+    assert "demos.evaluation.h5" in line and "lost.evaluation.h5" not in line
+    [line] = re.findall(r"Translator unknown, because files .*", page)
+    assert "lost.evaluation.h5" in line and "demos.evaluation.h5" not in line
 
 
 def test_a_full_page_leaves_videos_out(family, make_report, monkeypatch):

@@ -14,6 +14,7 @@ from stages.reporting.intervals import bootstrap_mean, wilson
 from stages.reporting.plots import ablated, mean_curve
 from stages.reporting.rows import COLUMNS, as_csv
 from stages.reporting.summary import summarise
+from stages.reporting.tables import summary_table
 
 
 def policy(folder, name, weight=0.0):
@@ -62,6 +63,45 @@ def test_a_mean_over_episodes_is_judged_not_the_episodes(evaluation, runs_of, tm
     [run] = runs_of(path)
     assert not run.success and run.normalised_distance == pytest.approx(0.575)
     assert run.deterministic_success == 0.5
+
+
+def test_a_summary_is_of_means_over_its_runs(evaluation, runs_of):
+    first = evaluation("first", (0.1,), samples=100, learning_minutes=1.0, translator={"steps": 9, "minutes": 0.0})
+    second = evaluation(
+        "second", (0.8,), samples=300, learning_minutes=4.0, translator={"steps": 9, "minutes": 20.0}, first_seed=1
+    )
+    third = evaluation("third", (0.9,), samples=500, learning_minutes=1.0, translator={"steps": 9}, first_seed=2)
+    [found] = summarise(runs_of(first, second, third))
+    assert (found.samples, found.learning_minutes, found.translator_minutes) == (300, 2.0, 10.0)
+    assert found.success == pytest.approx(1 / 3)
+    [row] = summary_table([found]).rows
+    low, high = wilson(1, 3)
+    near, far = bootstrap_mean(np.array([0.1, 0.8, 0.9]))
+    assert row == (
+        *("reach", "translation", "3", f"0.33 [{low:.2f}, {high:.2f}]", "0.85", "0.33"),
+        *(f"0.600 [{near:.3f}, {far:.3f}]", "300", "2.0", "10"),
+    )
+    [alone] = summary_table(summarise(runs_of(second))).rows
+    assert alone[6] == "0.800", "the distance of one run has no interval"
+    [both] = summary_table(summarise(runs_of(first, second))).rows
+    assert both[6].startswith("0.450 [0.100, ")
+
+
+def test_curves_of_runs_are_their_own_without_what_fills_the_shorter_one(evaluation, runs_of):
+    path = evaluation(left=(0.2, 0.4))
+    artifact = read_artifact(path)
+    arrays = {name: artifact[name] for name in artifact.names()}
+    arrays["curve/samples"] = np.array([[100.0, 200.0, 300.0], [50.0, 150.0, np.nan]])
+    arrays["curve/normalised_distance"] = np.array([[1.0, 0.6, 0.2], [0.9, 0.4, np.nan]])
+    write_artifact(path, "evaluation", arrays, config=dict(artifact.config), seed=0, command="ifo")
+    long, short = runs_of(path)
+    assert (long.samples_curve.tolist(), long.distance_curve.tolist()) == ([100, 200, 300], [1.0, 0.6, 0.2])
+    assert (short.samples_curve.tolist(), short.distance_curve.tolist()) == ([50, 150], [0.9, 0.4])
+
+
+def test_a_run_without_a_policys_name_has_a_number(evaluation, runs_of):
+    runs = runs_of(evaluation(left=(0.1, 0.2), policy=""))
+    assert [run.name for run in runs] == ["run 1", "run 2"]
 
 
 def test_success_is_judged_by_the_evaluations_own_threshold(evaluation, runs_of):
@@ -154,6 +194,47 @@ def test_runs_of_other_settings_are_not_mixed(evaluation, runs_of, tmp_path):
     assert [item.paper for item in summarise(kept)] == [0.9, 0.85, None]
 
 
+@pytest.mark.parametrize(
+    ("reward", "matters"),
+    [
+        ("pretrained", {"ramp", "layer", "weights"}),
+        ("gail", {"discriminator_steps"}),
+        ("tpil", {"discriminator_steps"}),
+        ("joints", {"ramp"}),
+        ("video", {"ramp", "blur"}),
+        ("oracle", set()),
+    ],
+)
+def test_runs_are_told_apart_by_the_options_that_matter_to_their_reward(evaluation, runs_of, reward, matters):
+    same = {"ramp": "none", "layer": "a", "weights": "x", "discriminator_steps": 40, "blur": 4.0}
+    other = {"ramp": "linear", "layer": "b", "weights": "y", "discriminator_steps": 10, "blur": 8.0}
+    runs = runs_of(evaluation("same", (0.1, 0.1), methods=(reward,), **same))
+    for number, name in enumerate(same, 1):
+        changed = {**same, name: other[name]}
+        runs += runs_of(evaluation(name, (0.1,), methods=(reward,), first_seed=number, **changed))
+    kept, _ = count_once(runs)
+    assert kept[0].method == kept[1].method == reward
+    found = {name for name, run in zip(same, kept[2:], strict=True) if run.method != reward}
+    assert found == matters
+    for name, run in zip(same, kept[2:], strict=True):
+        value = f"{other[name]:g}" if isinstance(other[name], float) else other[name]
+        assert run.method in (reward, f"{reward}, {name} {value}")
+
+
+def test_what_most_do_not_record_tells_nobody_apart(evaluation, runs_of):
+    silent = evaluation("silent", (0.1, 0.1))
+    one = evaluation("one", (0.1,), blur=4.0, first_seed=1)
+    kept, _ = count_once(runs_of(silent, one))
+    assert [run.method for run in kept] == ["translation"] * 3
+
+
+def test_translators_of_other_settings_are_told_apart(evaluation, runs_of):
+    usual = evaluation("usual", (0.1, 0.1))
+    other = evaluation("other", (0.1,), translator={"steps": 99, "minutes": 20.0}, first_seed=1)
+    kept, _ = count_once(runs_of(usual, other))
+    assert [run.method for run in kept] == [*["translation"] * 2, "translation, translator steps 99"]
+
+
 def test_runs_from_before_an_option_had_what_was_then_the_only_way(evaluation, runs_of):
     before = evaluation("before", (0.4, 0.4), methods=("oracle",))
     nothing = evaluation("nothing", (0.4,), methods=("oracle",), starts=None, first_seed=1)
@@ -169,6 +250,16 @@ def test_older_evaluations_that_differ_in_their_policies_alone_are_told_apart(ev
     unknown = "translation (translator unknown)"
     assert [run.method for run in kept] == [f"{unknown} (whole)", f"{unknown} (random)"] and not duplicates
     assert [item.paper for item in summarise(kept)] == [None, None]
+
+
+def test_only_what_is_unknown_is_told_apart_by_file(evaluation, runs_of, tmp_path):
+    parents = [policy(tmp_path, "one", 1), policy(tmp_path, "two", 2)]
+    mixed = evaluation("mixed", (0.1, 0.1), old=True, methods=("translation", "oracle"), parents=parents)
+    other = evaluation("other", (0.9,), old=True, parents=[policy(tmp_path, "three", 3)])
+    alone = evaluation("alone", (0.9,), old=True, first_seed=5, parents=[policy(tmp_path, "four", 4)])
+    kept, _ = count_once(runs_of(mixed, other, alone))
+    unknown = "translation (translator unknown)"
+    assert [run.method for run in kept] == [f"{unknown} (mixed)", "oracle", f"{unknown} (other)", unknown]
 
 
 def test_runs_that_are_not_described_are_refused(evaluation, runs_of):
@@ -194,6 +285,10 @@ def test_a_mean_curve_carries_on_runs_that_ended_early(evaluation, runs_of):
     assert error == pytest.approx([0, 0.05, 0.1])
     short = type(short)(**{**vars(short), "samples_curve": np.array([100.0]), "distance_curve": np.array([0.6])})
     assert mean_curve([long, short])[1] == pytest.approx([0.8, 0.6, 0.4])
+    late = type(short)(**{**vars(short), "samples_curve": np.array([200.0]), "distance_curve": np.array([0.6])})
+    assert mean_curve([long, late])[0].tolist() == [200, 300], "a mean is of all runs, or there is none"
+    samples, mean, error = mean_curve([long])
+    assert mean == pytest.approx([1, 0.6, 0.2]) and error.tolist() == [0, 0, 0]
 
 
 def test_ablations_are_shown_where_there_are_some(evaluation, runs_of):
