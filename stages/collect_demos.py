@@ -103,7 +103,7 @@ def _film(
         while kept < config.n:
             attempts = kept + dropped
             if attempts >= FEWEST_ATTEMPTS and (attempts >= MAX_ATTEMPTS * config.n or not kept):
-                who = demonstrator.parents[0] if demonstrator.parents else f"task {task.name}"
+                who = demonstrator.parents[0].path if demonstrator.parents else f"task {task.name}"
                 longer = f"train it longer (ifo train-expert {task.name} --iterations N), or "
                 raise ArtifactError(
                     f"{who}: the demonstrator failed in {dropped} of {attempts} contexts, expected at least a "

@@ -101,7 +101,7 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
         | {f"summary/{k}": np.asarray(v, np.float64) for k, v in summary.items() if not isinstance(v, str)},
         config=described,
         summary={**summary, **pictures},
-        parents=[source.path for source in sources],
+        parents=sources,
         environment=environment(),
     )
 

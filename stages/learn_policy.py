@@ -62,7 +62,7 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
         described |= {"context_seed": source.config["context_seed"], "contexts": source.config["contexts"]}
         described["vary"] = source.config.get("vary", "")
         described |= {"translation_metrics": _finite(source.group("metrics"))}
-        checkpoints = Checkpoints(run, out, "learn-policy", described, [source.path])
+        checkpoints = Checkpoints(run, out, "learn-policy", described, [source])
         model, curve = learn(env, config, run, out, "learn-policy", checkpoints)
     finally:
         reward.close()
@@ -84,7 +84,7 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
         policy_weights(model) | curve_arrays(curve) | {f"contexts/{name}": values for name, values in contexts.items()},
         config=described,
         summary=summary,
-        parents=[source.path],
+        parents=[source],
         environment=environment(device),
     )
     checkpoints.remove()

@@ -78,7 +78,7 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
             videos = videos[torch.arange(len(videos))[:, None], index]
         return evaluate_translator(model, videos, device)
 
-    checkpoints = Checkpoints(run, out, "train-translator", described, [source.path])
+    checkpoints = Checkpoints(run, out, "train-translator", described, [source])
     curve = train(training, evaluate, run, out, checkpoints)
     if not run.processes.main:
         run.processes.finish()
@@ -97,7 +97,7 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
         },
         config=described,
         summary=metrics,
-        parents=[source.path],
+        parents=[source],
         environment=environment(device) | ({"processes": str(run.processes.count)} if run.processes.count > 1 else {}),
     )
     checkpoints.remove()

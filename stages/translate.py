@@ -153,7 +153,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
         arrays | {f"metrics/{name}": np.asarray(value) for name, value in metrics.items()},
         config=described,
         summary={**metrics, "demonstrations": len(frames), **pictures},
-        parents=[source.path],
+        parents=[source],
         environment=environment(device),
     )
 

@@ -27,12 +27,12 @@ class Demonstrator(ABC):
 
     Attributes:
         task: What is filmed: the learner's task, or the same with another body in place of the robot.
-        parents: Files that it was made from.
+        parents: Artifacts that it was made from.
         noise: Standard deviation of actions that spoil the task: torques of an expert, but places of a hand.
     """
 
     task: Task
-    parents: tuple[Path, ...] = ()
+    parents: tuple[Artifact, ...] = ()
     noise = 1.0
 
     @abstractmethod
@@ -70,8 +70,9 @@ class Expert(Demonstrator):
         """
         from stages.learners.policy import Policy
 
-        self.task, self.parents = task, (path,)
-        self._policy = Policy.load(load_expert(path, task.name))
+        artifact = load_expert(path, task.name)
+        self.task, self.parents = task, (artifact,)
+        self._policy = Policy.load(artifact)
 
     def begin(self, contexts: Contexts, rng: np.random.Generator | None = None) -> Act:
         return lambda state, where: self._policy.act(self.task.observe_expert(state, where))

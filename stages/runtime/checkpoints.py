@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from artifacts import (
+    Artifact,
     Interrupted,
     UsageError,
     checkpoint_path,
@@ -21,9 +23,12 @@ from stages.runtime.run import RunOptions
 class Checkpoints:
     """The checkpoint of one run of a stage."""
 
-    def __init__(self, run: RunOptions, out: Path, stage: str, config: dict[str, Any], parents: list[Path]):
+    def __init__(
+        self, run: RunOptions, out: Path, stage: str, config: dict[str, Any], parents: Sequence[Path | Artifact]
+    ):
         self._run, self._out, self._stage, self._config = run, out, stage, config
-        self._parents = [read_artifact(parent) for parent in parents]  # Once: their digests are not computed again.
+        # Opened once: their digests are not computed again, and a file that takes a parent's place is not the parent.
+        self._parents = [parent if isinstance(parent, Artifact) else read_artifact(parent) for parent in parents]
         self._path = checkpoint_path(out)
         self._others = _identity(self._path)
 

@@ -106,7 +106,7 @@ class Output:
         *,
         config: dict[str, Any],
         summary: Mapping[str, Any],
-        parents: Sequence[Path] = (),
+        parents: Sequence[Path | Artifact] = (),
         environment: Mapping[str, str] | None = None,
     ) -> StageResult:
         """Write the artifact.

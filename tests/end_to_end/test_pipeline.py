@@ -7,7 +7,8 @@ import av
 import numpy as np
 import pytest
 
-from artifacts import read_artifact, read_mp4
+from artifacts import read_artifact, read_mp4, write_artifact
+from stages.runtime.outputs import Output
 
 pytestmark = pytest.mark.gl
 KINDS = ("expert", "demos", "translator", "translation", "policy", "evaluation")
@@ -82,12 +83,33 @@ def test_videos_are_h264_and_show_every_frame(toy):
         ("evaluate", "policy", "evaluation"),
     ],
 )
-def test_each_stage_can_be_rerun_alone_with_the_same_result(toy, ifo, tmp_path, stage, reads, writes):
-    out = tmp_path / f"again.{writes}.h5"
-    done = ifo(toy.folder, stage, toy.artifact(reads), "--out", out)
+def test_each_stage_can_be_rerun_alone_with_the_same_result(toy, ifo, tmp_path, monkeypatch, stage, reads, writes):
+    out, parent = tmp_path / f"again.{writes}.h5", toy.artifact(reads)
+    write, content = Output.write, read_artifact(parent).content
+
+    def write_while_the_parent_is_replaced(*arguments, **options):
+        kept = parent.rename(tmp_path / "kept.h5")
+        _write_changed(kept, parent)
+        assert read_artifact(parent).content != content
+        try:
+            return write(*arguments, **options)
+        finally:
+            kept.replace(parent)
+
+    monkeypatch.setattr(Output, "write", write_while_the_parent_is_replaced)
+    done = ifo(toy.folder, stage, parent, "--out", out)
     assert done.returncode == 0, done.stderr
     assert done.stdout == f"{out}\n"
     assert_same_data(out, toy.artifact(writes))
+    # What it was made from is what it read, not what lay there in the end.
+    assert read_artifact(out).parent(reads, check=True).content == content
+
+
+def _write_changed(path, target):
+    """The artifact at `path` with another seed, at `target`."""
+    artifact = read_artifact(path)
+    arrays = {name: artifact[name] for name in artifact.names()}
+    write_artifact(target, artifact.kind, arrays, config=dict(artifact.config), seed=99, command="ifo else")
 
 
 def test_demos_do_not_depend_on_the_number_of_workers(toy, ifo, tmp_path):
