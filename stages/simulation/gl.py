@@ -7,6 +7,7 @@ in the user's cache folder until the machine restarts or mujoco changes.
 from __future__ import annotations
 
 import ctypes
+import importlib.util
 import json
 import os
 import platform
@@ -191,6 +192,21 @@ def _use(backend: str) -> None:
         os.environ["PYOPENGL_PLATFORM"] = backend
     # A 48x48 frame is too small to share among threads of Mesa's software rasteriser.
     os.environ.setdefault("LP_NUM_THREADS", "1")
+    _load_triton()
+
+
+def _load_triton() -> None:
+    """Load the library of triton, which comes with torch for CUDA, before Mesa's.
+
+    Both bring an LLVM and export its symbols. Mesa's are global: if they come first, triton's library binds to them
+    and the process crashes when torch imports triton. In this order each keeps its own. Takes 0.1 s, once.
+    """
+    if "triton" in sys.modules or (spec := importlib.util.find_spec("triton")) is None:
+        return
+    for folder in spec.submodule_search_locations or ():
+        for library in Path(folder, "_C").glob("libtriton*.so"):
+            with suppress(OSError):  # A triton that does not load is for torch to report.
+                ctypes.CDLL(str(library))
 
 
 def _cache_path() -> Path | None:

@@ -190,6 +190,28 @@ def test_a_probe_that_hangs_is_given_up(monkeypatch):
     assert gl.probe("egl") == "no picture within 0.3 s"
 
 
+def test_triton_is_loaded_before_mesa(machine, monkeypatch, tmp_path):
+    library = tmp_path / "triton" / "_C" / "libtriton.so"
+    library.parent.mkdir(parents=True)
+    library.touch()
+    (tmp_path / "triton" / "__init__.py").write_text("raise AssertionError('triton takes long to import')")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "triton", raising=False)
+    loaded = []
+    monkeypatch.setattr(gl.ctypes, "CDLL", loaded.append)
+    gl.choose_backend()
+    assert loaded == [str(library)]
+
+
+def test_a_triton_that_does_not_load_is_no_error(machine, monkeypatch, tmp_path):
+    (tmp_path / "triton" / "_C").mkdir(parents=True)
+    (tmp_path / "triton" / "_C" / "libtriton.so").write_text("no library")
+    (tmp_path / "triton" / "__init__.py").touch()
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "triton", raising=False)
+    assert gl.choose_backend() == "egl"
+
+
 LOADED = {"libEGL.so.1", "libOpenGL.so.0", "libGL.so.1", "libOSMesa.so.8"}
 
 
