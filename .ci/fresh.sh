@@ -37,6 +37,7 @@ outside() {
 
 clean_up() {
     trap '' INT TERM HUP
+    say "removing $folder"
     if [ -n "$namespace" ]; then
         kill -KILL $namespace 2>/dev/null || true
         wait $namespace 2>/dev/null || true
