@@ -1,11 +1,11 @@
-"""Makes results/paper.csv and paper.md: the paper's experiment on a CPU, by the very commands that a user types.
+"""Makes results/paper.csv and paper.md: the paper's experiment on a CPU, run with the commands of the CLI.
 
     python results/tasks.py     # experts, and the oracle's runs
     python results/paper.py
 
-Demonstrations in the paper's contexts, a compact translator a task, and in each unseen context a policy that learns
-from the translation reward alone. Finished artifacts, in runs/paper, are not made again; --only takes one part of it,
-and the tables keep their rows of tasks that are not there.
+Demonstrations in the paper's contexts, one compact translator per task, and in each unseen context a policy that
+learns only from the translation reward. Finished artifacts in runs/paper are not made again. --only selects tasks; the
+tables keep their rows of tasks whose artifacts are missing.
 """
 
 from __future__ import annotations

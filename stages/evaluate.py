@@ -1,4 +1,4 @@
-"""evaluate: how often, and how closely, do policies reach the goal that they were never told?"""
+"""evaluate: measure how often, and how closely, policies reach a goal that they are not told."""
 
 from __future__ import annotations
 
@@ -29,16 +29,15 @@ from stages.runtime.run import RunOptions, StageResult, check, environment, full
 from stages.runtime.seeding import generator, integer
 from stages.simulation.contexts import Contexts, repeat
 
-SHOWN = 6  # policies in the MP4
-CURVES = ("curve/samples", "curve/normalised_distance")  # of each policy's learning, kept with its evaluation
+SHOWN = 6  # policies shown in the MP4
+CURVES = ("curve/samples", "curve/normalised_distance")  # learning curves copied from the policies
 
 
 def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> StageResult:
     """Evaluate policies of one task; write the `evaluation` artifact, the learning curves and a video of rollouts.
 
-    Success by the paper's criterion is one verdict a run: the mean over episodes of the stochastic policy's
-    normalised final distance is below the task's threshold. Beside it stands the stricter one, a verdict an episode
-    of the deterministic policy.
+    A run succeeds by the paper's criterion if the stochastic policy's normalized final distance, averaged over
+    episodes, is below the task's threshold. The success rate of the deterministic policy's episodes is reported too.
     """
     from stages.learners.policy import Policy, policy_video
     from stages.reporting.plots import plot_learning_curves
@@ -89,10 +88,10 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     write_mp4(sibling(out, ".mp4"), tile_videos([videos], labels=labels), fps=10)
     low, high = summary["success_paper_interval"]
     run.progress.say(
-        f"evaluation: {summary['normalised_distance_stochastic']:.3f} of the initial distance is left (stochastic "
-        f"policy; deterministic {summary['normalised_distance']:.3f}); {summary['succeeded']} of {len(sources)} runs "
-        f"succeed by the paper's criterion (95% interval {low:.2f} to {high:.2f}), "
-        f"{summary['success_deterministic']:.0%} of deterministic episodes"
+        f"evaluation: normalized final distance {summary['normalised_distance_stochastic']:.3f} (stochastic policy; "
+        f"deterministic {summary['normalised_distance']:.3f}); {summary['succeeded']} of {len(sources)} runs succeed "
+        f"by the paper's criterion (95% interval {low:.2f} to {high:.2f}), and "
+        f"{summary['success_deterministic']:.0%} of the deterministic episodes"
     )
     pictures = {"curves": str(sibling(out, ".png")), "video": str(sibling(out, ".mp4"))}
     return output.write(
@@ -107,7 +106,7 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
 
 
 def _padded(rows: list[np.ndarray]) -> np.ndarray:
-    """Rows of their own lengths as one array (R, I), with NaN behind the shorter ones."""
+    """Rows of different lengths as one array (R, I), padded with NaN."""
     padded = np.full((len(rows), max(map(len, rows))), np.nan)
     for row, values in zip(padded, rows, strict=True):
         row[: len(values)] = values
@@ -115,7 +114,7 @@ def _padded(rows: list[np.ndarray]) -> np.ndarray:
 
 
 def _describe(source: Artifact, progress: Progress) -> dict[str, Any]:
-    """Where one of the evaluated runs came from; what is not known of it is printed."""
+    """The record of one of the evaluated runs; prints why something is unknown."""
     config = source.config
     method, problem = describe_method(source)
     if problem:
@@ -137,7 +136,7 @@ def _describe(source: Artifact, progress: Progress) -> dict[str, Any]:
 def _episodes(
     task: Any, policy: Any, contexts: Contexts, episodes: int, seed: int, index: int
 ) -> dict[str, np.ndarray]:
-    """Distances (E,) of `episodes` deterministic and as many stochastic episodes from redrawn initial states."""
+    """Distances (E,) of `episodes` deterministic episodes, and of stochastic ones from the same initial states."""
     import torch
 
     from stages.simulation.batch import rollout

@@ -1,4 +1,4 @@
-"""report: what evaluations come to, on one page that opens in any browser, with the origin of every number."""
+"""report: the results of evaluations on one page that opens in any browser, with the origin of every number."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ PATTERN = "*.evaluation.h5"
 
 
 def report(inputs: Sequence[Path], out: Path, title: str, command: str, progress: Progress) -> StageResult:
-    """Write the page, and beside it, with its stem, the table as CSV and Markdown, and the plots as PNGs.
+    """Write the page, and beside it, under the same stem, the runs as CSV, the table as Markdown, the plots as PNGs.
 
     Args:
         inputs: Evaluation artifacts, and folders to search for them.
         out: The page, NAME.html.
         title: Its heading.
-        command: The command line, which the page names.
-        progress: Where messages go.
+        command: The command line, shown on the page.
+        progress: Prints messages.
 
     Raises:
         ArtifactError: An input is no evaluation, is damaged, or is a folder without any. Nothing is written.
         UsageError: A file that would be replaced is not an earlier report's. Nothing is written.
     """
-    _check_not_somebody_elses(out)
+    _check_replaceable(out)
     evaluations = [read_artifact(path, "evaluation") for path in find_evaluations(inputs)]
     runs, duplicates = count_once([run for artifact in evaluations for run in read_runs(artifact)])
     for line in _repeated(duplicates):
         progress.say(line)
     summaries = summarise(runs)
-    runs = [run for item in summaries for run in item.runs]  # in the order of the tables
+    runs = [run for item in summaries for run in item.runs]  # in the order of the table
     ordered = list(dict.fromkeys(run.evaluation for run in runs))
     videos = collect_videos(ordered, runs)
     notes = [*_repeated(duplicates), *_without_curves(runs), *_unknown(runs), *videos.notes]
@@ -65,7 +65,7 @@ def report(inputs: Sequence[Path], out: Path, title: str, command: str, progress
         for number, artifact in enumerate([*ordered, *(a for a in evaluations if a not in ordered)], 1)
     ]
     whole = page(title, origin, table, plots, videos.shown, lineages, notes)
-    # The Markdown first: its mark says that the files of this stem are a report's. The page last: it is the result.
+    # The Markdown first: its mark allows a later report to replace the files. The page last: it is the result.
     text = markdown(title, origin, table, files, videos.shown, notes)
     write_bytes(out.with_suffix(".md"), _encoded(text))
     write_bytes(out.with_suffix(".csv"), _encoded(as_csv(runs)))
@@ -77,10 +77,10 @@ def report(inputs: Sequence[Path], out: Path, title: str, command: str, progress
 
 
 def find_evaluations(inputs: Sequence[Path]) -> list[Path]:
-    """The files themselves, and the evaluations in folders, each once.
+    """The given files, and the evaluations in given folders, each once.
 
     Raises:
-        ArtifactError: A folder holds none.
+        ArtifactError: A folder contains none.
     """
     found: dict[Path, Path] = {}
     for path in inputs:
@@ -95,7 +95,7 @@ def find_evaluations(inputs: Sequence[Path]) -> list[Path]:
     return list(found.values())
 
 
-def _check_not_somebody_elses(out: Path) -> None:
+def _check_replaceable(out: Path) -> None:
     """Refuse to replace a README.md for being told --out README.html."""
     beside = [out.with_suffix(".md"), out.with_suffix(".csv")]
     try:
@@ -112,20 +112,20 @@ def _check_not_somebody_elses(out: Path) -> None:
 
 
 def _repeated(duplicates: Sequence[Duplicate]) -> list[str]:
-    """One line for each pair of evaluations that share runs."""
+    """One line per pair of evaluations that share runs."""
     shared: dict[tuple[Path, Path], list[str]] = {}
     for item in duplicates:
         pair = item.run.evaluation.path, item.kept.evaluation.path
         shared.setdefault(pair, []).append(item.run.name)
     return [
-        f"Runs that count once, though they are in {left_out} and in {kept}: {', '.join(names)}."
+        f"Runs in both {left_out} and {kept} that count once: {', '.join(names)}."
         for (left_out, kept), names in shared.items()
     ]
 
 
 def _without_curves(runs: Sequence[Run]) -> list[str]:
     paths = dict.fromkeys(str(run.evaluation.path) for run in runs if not run.samples_curve.size)
-    return [f"Without learning curves, having been made by an older ifo: {', '.join(paths)}."] if paths else []
+    return [f"Evaluations by an older ifo, without learning curves: {', '.join(paths)}."] if paths else []
 
 
 def _unknown(runs: Sequence[Run]) -> list[str]:
@@ -136,7 +136,8 @@ def _unknown(runs: Sequence[Run]) -> list[str]:
         if paths:
             notes.append(
                 f"{part.capitalize()} unknown, because files were missing or had changed when the policies were "
-                f"evaluated, or because an older ifo did not record it: {', '.join(paths)}."
+                "evaluated, or because an older ifo did not record it (put the files back and run `ifo evaluate "
+                f"--overwrite`): {', '.join(paths)}."
             )
     return notes
 
@@ -166,5 +167,5 @@ def _figures(
 
 
 def _encoded(text: str) -> bytes:
-    # File names of old, which UTF-8 cannot hold, stay readable.
+    # File names that are not valid UTF-8 stay readable.
     return text.encode("utf-8", "backslashreplace")

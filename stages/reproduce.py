@@ -1,4 +1,4 @@
-"""reproduce: the paper's comparisons and ablations, as a Snakemake workflow over the commands that a user types."""
+"""reproduce: run the paper's comparisons and ablations as a Snakemake workflow over the other commands."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from stages.runtime.run import StageResult
 SNAKEFILE = Path(__file__).parent / "reproduction" / "Snakefile"
 JOBS, LOCK, LOGS = "jobs.json", ".reproduce.lock", "logs"
 RETRIES = 1
-RUNTIME = 6  # times the estimate, at least half an hour: what a cluster is asked for
+RUNTIME = 6  # requested of a cluster: this many times the estimate, at least half an hour
 MEGABYTE = 1 << 20
 PR_SET_PDEATHSIG = 1  # of <linux/prctl.h>
 
@@ -38,9 +38,9 @@ class Execution:
     """Where and how the jobs run.
 
     Attributes:
-        executor: `local`, or a plugin of Snakemake's: `slurm`, `kubernetes`.
-        cores: Jobs at a time; each takes one core.
-        command: The command line, to say how to go on.
+        executor: `local`, or a Snakemake plugin: `slurm`, `kubernetes`.
+        cores: Number of parallel jobs; each takes one core.
+        command: The command line, shown after an interruption.
     """
 
     executor: str
@@ -49,16 +49,16 @@ class Execution:
 
 
 def reproduce(grid: Grid, folder: Path, execution: Execution, progress: Progress) -> StageResult:
-    """Run what is not there yet of a grid, in `folder`.
+    """Run the missing jobs of a grid in `folder`.
 
-    A job that fails is tried once more and then left, with all that needs it; the others go on. Jobs that were killed
-    are begun again where their checkpoints stand.
+    A job that fails is tried once more; then it and its dependents are skipped, and the others go on. Jobs that were
+    killed continue from their checkpoints.
 
     Raises:
-        ArtifactError: Some of the runs failed; the message says which, and where their logs are.
-        Interrupted: By the keyboard.
+        ArtifactError: Some runs failed; the message names them and their logs.
+        Interrupted: The user stopped it.
         PlatformError: Snakemake or its plugin is missing.
-        UsageError: Another process is at work in the folder.
+        UsageError: Another process uses the folder.
     """
     _check(execution)
     jobs = plan(grid)
@@ -76,7 +76,7 @@ def reproduce(grid: Grid, folder: Path, execution: Execution, progress: Progress
 
 
 def missing(jobs: Sequence[Job], folder: Path) -> list[Job]:
-    """The jobs that are still needed: no file of theirs, and a wanted file is missing that was to be made from it."""
+    """The jobs that are still needed: their output is missing, and so is a wanted file that depends on it."""
     absent = [job for job in jobs if not (folder / job.output).exists()]
     needed = {job.output for job in absent if job.stage == "evaluate"}
     for job in reversed(absent):  # Jobs come after what they read.
@@ -86,9 +86,9 @@ def missing(jobs: Sequence[Job], folder: Path) -> list[Job]:
 
 
 def described(jobs: Sequence[Job], grid: Grid, cores: int) -> str:
-    """How many jobs, and how long they should take."""
+    """A line with the number of jobs and their estimated time."""
     if not jobs:
-        return "reproduce: everything is there"
+        return "reproduce: nothing to do, all files exist"
     counts = Counter(job.stage for job in jobs)
     total = sum(minutes(job, grid.preset) for job in jobs)
     wall = max(total / cores, longest_chain(list(jobs), grid.preset))
@@ -128,31 +128,31 @@ def _check(execution: Execution) -> None:
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[int]:
-    """Hold the folder's lock, which ends with the last process that has it: Snakemake's own outlives a kill."""
+    """Hold the folder's lock. The last process that inherited it releases it; Snakemake's own lock outlives a kill."""
     descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
     try:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise UsageError(f"another `ifo reproduce` is at work in {folder}: wait, or choose another --out") from None
+            raise UsageError(f"another `ifo reproduce` is running in {folder}: wait, or choose another --out") from None
         yield descriptor
     finally:
         os.close(descriptor)
 
 
 def _run(folder: Path, execution: Execution, lock: int) -> None:
-    """Have Snakemake run the jobs; its messages go to standard error."""
+    """Run the jobs with Snakemake; its messages go to standard error."""
     here = execution.executor == "local"
     words = [sys.executable, "-m", "snakemake", "--snakefile", str(SNAKEFILE), "--config", f"jobs={JOBS}"]
     words += ["--executor", execution.executor, "--cores" if here else "--jobs", str(execution.cores)]
-    # The Snakefile ignores dates; this, that the code or the machine has changed. Stages write whole files or none:
-    # no file is incomplete, even where Snakemake was killed before it could take note of the end of the job.
+    # The Snakefile ignores dates; these options also ignore changes of code and machine. Stages write whole files or
+    # none, so that no file is incomplete, even if Snakemake was killed before it recorded the end of a job.
     words += ["--rerun-triggers", "params", "--ignore-incomplete", "--nolock", "--keep-going"]
     words += ["--retries", str(RETRIES), "--quiet", "rules", "host", "reason"]
     if here:
         words += ["--resources", f"mem_mb={os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') // MEGABYTE}"]
     (folder / LOGS).mkdir(exist_ok=True)
-    # In a group of its own, so that an interrupt reaches it and its jobs once, from here alone.
+    # In its own process group, so that an interrupt reaches it and its jobs only once, from here.
     process = subprocess.Popen(
         words,
         cwd=folder,
@@ -168,18 +168,18 @@ def _run(folder: Path, execution: Execution, lock: int) -> None:
     except KeyboardInterrupt as error:
         os.killpg(process.pid, signal.SIGINT)
         process.wait()
-        raise Interrupted(f"interrupted; what was done is in {folder}; continue with: {execution.command}") from error
+        raise Interrupted(f"interrupted; finished files are in {folder}; continue with: {execution.command}") from error
 
 
 def _attached() -> None:
-    """Have this process heed interrupts, which shells turn off behind `&`, and end when its parent is killed."""
+    """Enable interrupts, which shells disable for `&`, and end this process when its parent is killed."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _failed(left: Sequence[Job], runs: Sequence[Job], folder: Path) -> str:
-    """One line: how many runs are missing, and the last words of the jobs that failed."""
+    """One line: the number of missing runs, and the last lines of the logs of the jobs that failed."""
     gone = {job.output for job in left}
     first = [job for job in left if not gone & set(job.inputs)]
     lost = sum(job.output in gone for job in runs)
@@ -187,6 +187,6 @@ def _failed(left: Sequence[Job], runs: Sequence[Job], folder: Path) -> str:
     for job in first[:3]:
         log = folder / LOGS / f"{job.name}.log"
         lines = log.read_text(errors="replace").strip().splitlines() if log.exists() else []
-        reasons.append(f"{log} ({lines[-1].removeprefix('ifo: ')})" if lines else f"{job.output} (it left no log)")
+        reasons.append(f"{log} ({lines[-1].removeprefix('ifo: ')})" if lines else f"{job.output} (no log)")
     more = f" and {len(first) - 3} more" if len(first) > 3 else ""
     return f"{lost} of {len(runs)} runs are missing; see {', '.join(reasons)}{more}; the same command tries again"

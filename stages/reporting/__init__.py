@@ -1,1 +1,1 @@
-"""Parts of `ifo report`: rows, tables, plots, videos, lineage, and the page that holds them."""
+"""Parts of `ifo report`: rows, tables, plots, videos, lineage, and the page that shows them."""

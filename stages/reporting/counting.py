@@ -1,4 +1,4 @@
-"""Every run once, and runs under one name only if they were made alike."""
+"""Count every run once, and pool runs under one name only if they were made with the same settings."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from artifacts import stem_of
 from stages.reporting.methods import ALWAYS, OF_REWARD, TRANSLATOR
 from stages.reporting.rows import Run
 
-UNRECORDED = {"starts": 1}  # what runs had before it was an option
+UNRECORDED = {"starts": 1}  # values of runs from before these were options
 
 
 @dataclass(frozen=True)
 class Duplicate:
-    """A run that was left out, because `kept` is the same."""
+    """A run that is left out because `kept` is the same run."""
 
     run: Run
     kept: Run
 
 
 def count_once(runs: Sequence[Run]) -> tuple[list[Run], list[Duplicate]]:
-    """Leave out what is there twice: the same policy file, or the same task, method and seeds.
+    """Leave out duplicates: runs with the same policy, or with the same task, method and seeds.
 
-    The newest evaluation of a run counts. First, runs of one method that differ in their settings are told apart:
-    those that are like most keep the method's name, the others get what differs behind it. Older evaluations do not
-    record the translator: where nothing but the policies differs, they get the names of their files.
+    The newest evaluation of a run counts. Before that, runs of one method with different settings are distinguished:
+    the most frequent settings keep the method's name, the others append what differs. Where it is not known which
+    translator or demonstrations policies were made from, different policies append the names of their files.
 
     Returns:
         The runs that count, in their order, and those that do not.
@@ -58,7 +58,7 @@ def _told_apart_by_settings(runs: Sequence[Run]) -> list[Run]:
 
 
 def _settings(run: Run) -> dict[str, Any]:
-    """Recorded options by name, the translator's with a word before them; what is not recorded is left out."""
+    """Recorded options by name, those of the translator with a prefix; options that are not recorded are left out."""
     options = {name: run.recorded.get(name) for name in (*ALWAYS, *OF_REWARD.get(run.recorded["reward"], ()))}
     options |= {name: value for name, value in UNRECORDED.items() if options[name] is None}
     options |= {f"translator {name}": run.translator.get(name) for name in TRANSLATOR}
@@ -66,7 +66,7 @@ def _settings(run: Run) -> dict[str, Any]:
 
 
 def _named(run: Run, usual: dict[str, Any]) -> Run:
-    # What one of the two does not record says nothing.
+    # An option that only one of the two records does not distinguish them.
     differing = {name: value for name, value in _settings(run).items() if name in usual and value != usual[name]}
     return replace(
         run, method=", ".join([run.method, *(f"{name} {_text(value)}" for name, value in differing.items())])

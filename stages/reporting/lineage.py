@@ -1,4 +1,4 @@
-"""Where every number comes from: the files, commands and seeds behind each run."""
+"""The origin of every number: the files, commands and seeds behind each run."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from artifacts import Ancestor, Artifact, ancestors, sha256_of
 from stages.reporting.counting import Duplicate
 from stages.reporting.rows import METRICS, Run
 
-# What a run's own line or its figures say already.
+# Shown elsewhere in a run's section.
 SAID = ("policy", "method", "translation_metrics", "samples", "learning_minutes")
 STATES = {
-    "missing": "gone; this is what was recorded of it when it was used",
-    "unreadable": "there, but cannot be read",
-    "changed": "gone: another file has taken its place; this is what was recorded of it when it was used",
+    "missing": "missing; recorded when it was used:",
+    "unreadable": "cannot be read; recorded when it was used:",
+    "changed": "replaced by another file; recorded when it was used:",
 }
 
 
@@ -91,23 +91,23 @@ def _run_entry(run: Run) -> RunEntry:
     verdict = "succeeds" if run.success else "fails"
     heading = (
         f"{run.name}: {run.method}, context {run.recorded['context_seed']}, seed {run.recorded['seed']}: "
-        f"{run.normalised_distance:.3f} of the distance left, {verdict}"
+        f"{run.normalised_distance:.3f} of the initial distance, {verdict}"
     )
     chain = [] if run.policy is None else list(ancestors(run.evaluation, [run.policy], check=True))
     return RunEntry(heading, _figures(run), [_ancestor_entry(item) for item in chain])
 
 
 def _figures(run: Run) -> dict[str, str]:
-    """What is known of a run, as texts."""
+    """Results and settings of a run, as texts."""
     recorded = {name: value for name, value in run.recorded.items() if name not in SAID}
     return {
         "success, paper's criterion": f"{'yes' if run.success else 'no'} (below {run.threshold:g})",
-        "distance left, stochastic policy": f"{run.normalised_distance:.4f}",
-        "distance left, deterministic policy": f"{run.deterministic_distance:.4f}",
-        "deterministic episodes that succeed": f"{run.deterministic_success:.3f}",
+        "normalized final distance, stochastic policy": f"{run.normalised_distance:.4f}",
+        "normalized final distance, deterministic policy": f"{run.deterministic_distance:.4f}",
+        "success rate of deterministic episodes": f"{run.deterministic_success:.3f}",
         "initial and final distance": f"{run.initial_distance:.4f}, {run.final_distance:.4f}",
         "samples": f"{run.recorded['samples']:,}",
-        "learning, minutes": f"{run.recorded['learning_minutes']:.2f}",
+        "learning minutes": f"{run.recorded['learning_minutes']:.2f}",
         **{f"translation: {name}": f"{run.metrics[name]:.3f}" for name in METRICS if name in run.metrics},
         "recorded settings": ", ".join(f"{name} {_value(value)}" for name, value in recorded.items()),
     }

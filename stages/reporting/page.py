@@ -1,4 +1,4 @@
-"""The report as one HTML page that needs no other file, and as Markdown."""
+"""The report as one self-contained HTML page, and as Markdown."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from stages.reporting.videos import Video
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-MARK = "<!-- made by ifo report -->"  # first line of the Markdown: a file without it is somebody's own
+MARK = "<!-- made by ifo report -->"  # first line of the Markdown: a file without it is not overwritten
 
 HEADINGS = {"success": "Success by task and method", "curves": "Learning curves", "ablations": "Ablations"}
 CAPTIONS = {
-    "success": "Runs that succeed by the paper's criterion. Lines: Wilson's 95% interval.",
+    "success": "Success rates by the paper's criterion. Lines: 95% Wilson intervals.",
     "curves": (
-        "Distance left over samples: mean over runs (how many, in brackets), the band its standard error. A run that "
-        "ended early keeps its last distance."
+        "Normalized final distance over samples: mean over runs (their number in brackets) and its standard error "
+        "(band). A run that ended early keeps its last distance."
     ),
-    "ablations": "The method, and what departs from it: terms of its reward, or losses of its translator, left out.",
+    "ablations": "The method and its ablations: without a term of the reward or a loss of the translator.",
 }
 CRITERION = (
-    "A run succeeds by the paper's criterion when the mean distance that its stochastic policy leaves, as a part of "
-    "the distance at the start, is below the task's threshold. Brackets are 95% intervals: Wilson's for the success "
-    "of runs, the bootstrap's over runs for the distance left. Samples and minutes are means over runs."
+    "A run succeeds by the paper's criterion if the mean normalized final distance of its stochastic policy (final "
+    "distance / initial distance) is below the task's threshold. Brackets are 95% intervals: Wilson for the success "
+    "rate, bootstrap over runs for the distance. Samples and minutes are means over runs."
 )
 
 
@@ -90,10 +90,10 @@ def _templates() -> Environment:
 def markdown(
     title: str, origin: str, table: Table, plots: dict[str, Path], videos: Sequence[Video], notes: Sequence[str]
 ) -> str:
-    """The tables, and links to the plots, which lie beside it."""
+    """The report as Markdown: the table, and links to the plots beside it."""
     lines = [MARK, "", f"# {in_markdown(title)}", "", in_markdown(origin), "", table.markdown(), "", CRITERION]
     for name, path in plots.items():
-        # Angle brackets: the file's name may hold spaces.
+        # Angle brackets: the file name may contain spaces.
         lines += ["", f"## {HEADINGS[name]}", "", CAPTIONS[name], "", f"![{HEADINGS[name]}](<{path.name}>)"]
     if videos:
         lines += ["", "## Videos", "", *(f"- {in_markdown(f'{v.task}: {v.title}: {v.path}')}" for v in videos)]

@@ -13,15 +13,15 @@ from artifacts import Artifact, stem_of
 from stages.reporting.rows import Run
 from stages.reporting.summary import Summary
 
-PANEL = (4.6, 3.4)  # inches, of a learning curve
-LEGEND_LINE = 0.15  # of a learning curves' legend, inches
-BAR = 0.34  # inches, of a bar and the gap beside it
-WIDTH = 7.6  # inches, of plots of bars
-ABLATED = "translation"  # what the names of the method and of its ablations start with
+PANEL = (4.6, 3.4)  # inches, size of a learning-curve panel
+LEGEND_LINE = 0.15  # inches, height of a legend line
+BAR = 0.34  # inches, height of a bar with its gap
+WIDTH = 7.6  # inches, width of bar plots
+ABLATED = "translation"  # prefix of the names of the method and of its ablations
 
 
 def draw(summaries: Sequence[Summary]) -> dict[str, bytes]:
-    """All plots that the runs allow, by name: `success`, `curves`, `ablations`."""
+    """All plots that can be drawn from the runs, by name: `success`, `curves`, `ablations`."""
     colours = _colours(summaries)
     plots = {"success": _bars(summaries, colours)}
     if any(run.samples_curve.size for item in summaries for run in item.runs):
@@ -33,7 +33,7 @@ def draw(summaries: Sequence[Summary]) -> dict[str, bytes]:
 
 
 def ablated(summaries: Sequence[Summary]) -> list[Summary]:
-    """The method and its ablations, of tasks where there is more than one of them."""
+    """The method and its ablations, of tasks with more than one of them."""
     found = [item for item in summaries if item.method.startswith(ABLATED)]
     tasks = [item.task for item in found]
     return [item for item in found if tasks.count(item.task) > 1]
@@ -42,13 +42,13 @@ def ablated(summaries: Sequence[Summary]) -> list[Summary]:
 def mean_curve(runs: Sequence[Run]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean of learning curves, and its standard error.
 
-    A run that ended early keeps its last distance, so that the mean does not jump when it leaves.
+    A run that ended early keeps its last distance, so that the mean does not jump there.
 
     Returns:
-        Samples (I,) at which any run was measured; mean normalised distance (I,); standard error (I,), 0 of one run.
+        Samples (I,) at which any run was measured; mean normalized distance (I,); standard error (I,), 0 for one run.
     """
     curves = [(run.samples_curve, run.distance_curve) for run in runs if run.samples_curve.size]
-    # Before the last run's first measurement the mean would be of the others alone.
+    # Start where all runs have been measured.
     start = max(samples[0] for samples, _ in curves)
     grid = np.unique(np.concatenate([samples for samples, _ in curves]))
     grid = grid[grid >= start]
@@ -65,7 +65,7 @@ def _colours(summaries: Sequence[Summary]) -> dict[str, Any]:
 
 
 def _bars(summaries: Sequence[Summary], colours: dict[str, Any]) -> bytes:
-    """Success rates as bars, a panel a task, with their intervals and the paper's own rates."""
+    """Success rates as bars with their intervals and the paper's rates, one panel per task."""
     pyplot = _pyplot()
     tasks = list(dict.fromkeys(item.task for item in summaries))
     groups = [[item for item in summaries if item.task == task] for task in tasks]
@@ -87,19 +87,19 @@ def _bars(summaries: Sequence[Summary], colours: dict[str, Any]) -> bytes:
         panel.grid(axis="x", linewidth=0.4)
         panel.set_axisbelow(True)
         panel.spines[["top", "right"]].set_visible(False)
-    paper = "; diamonds: the paper's own runs" if any(item.paper is not None for item in summaries) else ""
-    panels[-1, 0].set_xlabel(f"runs that succeed, with 95% intervals{paper}", fontsize=9)
+    paper = "; diamonds: in the paper" if any(item.paper is not None for item in summaries) else ""
+    panels[-1, 0].set_xlabel(f"success rate, with 95% intervals{paper}", fontsize=9)
     return _png(figure)
 
 
 def _curves(summaries: Sequence[Summary], colours: dict[str, Any]) -> bytes:
-    """Learning curves, a panel a task: the mean over runs, and its standard error as a band."""
+    """Learning curves, one panel per task: mean over runs, standard error as a band."""
     pyplot = _pyplot()
     known = [item for item in summaries if any(run.samples_curve.size for run in item.runs)]
     tasks = list(dict.fromkeys(item.task for item in known))
     columns = min(2, len(tasks))
     rows = math.ceil(len(tasks) / columns)
-    lines = max(sum(item.task == task for item in known) for task in tasks) // 2 + 1  # of a legend of two columns
+    lines = max(sum(item.task == task for item in known) for task in tasks) // 2 + 1  # the legend has two columns
     size = (PANEL[0] * max(columns, 1.4), (PANEL[1] + LEGEND_LINE * lines) * rows)
     figure, panels = pyplot.subplots(rows, columns, figsize=size, dpi=120, squeeze=False)
     for panel in panels.flat[len(tasks) :]:
@@ -124,7 +124,7 @@ def _curves(summaries: Sequence[Summary], colours: dict[str, Any]) -> bytes:
 
 
 def _plain(text: str) -> str:
-    """A text of which matplotlib makes no formula."""
+    """A text escaped so that matplotlib reads no formula in it."""
     return text.replace("$", r"\$")
 
 

@@ -14,7 +14,7 @@ from artifacts import Artifact, ArtifactError, Parent
 from stages.reporting.names import TRACKED, method_name, unknown_part
 from stages.reporting.records import checked_records
 
-# What `ifo translate` measured before any learning.
+# Metrics that `ifo translate` computes before learning.
 METRICS = (
     "psnr",
     "copy_psnr",
@@ -26,7 +26,7 @@ METRICS = (
     "tau_returns",
     "tau_way",
 )
-# Of a table with one row a run.
+# Columns of a table with one row per run.
 COLUMNS = (
     "task",
     "method",
@@ -47,17 +47,17 @@ FORMULA = ("=", "+", "-", "@")  # how a formula of a spreadsheet starts
 
 @dataclass(frozen=True)
 class Run:
-    """One policy, as its evaluation found it.
+    """One policy with the results of its evaluation.
 
     Attributes:
-        evaluation: The artifact that it is a part of, at position `index`.
-        policy: What the evaluation recorded of the policy's file; None where it recorded no such thing.
-        recorded: What the evaluation recorded of the run: its reward, options, seeds.
-        threshold: Normalised final distance below which a run succeeds.
+        evaluation: The artifact that contains the run at position `index`.
+        policy: The policy's file as the evaluation recorded it; None if it did not.
+        recorded: The evaluation's record of the run: reward, options, seeds.
+        threshold: Normalized final distance below which a run succeeds.
         initial_distance, final_distance, normalised_distance: Means over episodes of the stochastic policy.
-        deterministic_distance: Mean normalised distance of the deterministic policy.
-        deterministic_success: Rate of its episodes that end below the threshold.
-        samples_curve, distance_curve: Learning curve (I,), normalised; empty where the evaluation keeps none.
+        deterministic_distance: Mean normalized final distance of the deterministic policy.
+        deterministic_success: Fraction of its episodes that end below the threshold.
+        samples_curve, distance_curve: Learning curve (I,), normalized; empty if the evaluation has none.
     """
 
     evaluation: Artifact
@@ -77,7 +77,7 @@ class Run:
 
     @property
     def success(self) -> bool:
-        """By the paper's criterion: a verdict on the mean over the stochastic policy's episodes."""
+        """By the paper's criterion, which judges the mean over the stochastic policy's episodes."""
         return self.normalised_distance < self.threshold
 
     @property
@@ -104,7 +104,7 @@ class Run:
 
     @property
     def identity(self) -> tuple[Any, ...]:
-        """What two evaluations of one and the same run have in common."""
+        """Equal for two evaluations of the same run."""
         return self.task, self.method, self.recorded["context_seed"], self.recorded["seed"]
 
     @property
@@ -122,7 +122,7 @@ def read_runs(artifact: Artifact) -> list[Run]:
     """The runs of an evaluation artifact.
 
     Raises:
-        ArtifactError: It is damaged, or does not say what its runs are.
+        ArtifactError: It is damaged, or its records of the runs are incomplete.
     """
     described = checked_records(artifact)
     names = ("initial_distance", "final_distance_stochastic", "normalised_distance_stochastic", "normalised_distance")
@@ -159,7 +159,7 @@ def _threshold(artifact: Artifact) -> float:
     recorded = artifact.config.get("success_threshold")
     if recorded is not None:
         return float(recorded)
-    # Older evaluations leave it to the task.
+    # Older evaluations do not record it.
     from stages.simulation.gl import choose_backend
     from stages.simulation.registry import make_task
 
@@ -168,7 +168,7 @@ def _threshold(artifact: Artifact) -> float:
 
 
 def _curve(artifact: Artifact, index: int) -> tuple[np.ndarray, np.ndarray]:
-    """Samples and normalised distances (I,), without the NaN behind a shorter run; empty in older evaluations."""
+    """Samples and normalized distances (I,) without the NaN padding; empty in older evaluations."""
     if "curve/samples" not in artifact or "curve/normalised_distance" not in artifact:
         return np.empty(0), np.empty(0)
     samples, distances = artifact["curve/samples"][index], artifact["curve/normalised_distance"][index]
@@ -177,7 +177,7 @@ def _curve(artifact: Artifact, index: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def row(run: Run) -> dict[str, object]:
-    """A run as a row of `COLUMNS`; what is not known is left out."""
+    """A run as a row of `COLUMNS`; unknown values are left out."""
     minutes = run.translator_minutes
     return {
         "task": run.task,

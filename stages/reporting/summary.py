@@ -1,4 +1,4 @@
-"""What the runs of a task and a method come to."""
+"""Statistics over the runs of a task and method."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stages.reporting.intervals import bootstrap_mean, wilson
 from stages.reporting.paper import SUCCESS
 from stages.reporting.rows import Run
 
-FIRST = ("oracle", "translation")  # methods, in the order of tables and plots; then what departs from them
+FIRST = ("oracle", "translation")  # methods that tables and plots show first; ablations follow
 
 
 @dataclass(frozen=True)
@@ -20,13 +20,13 @@ class Summary:
     """Figures over the runs of one task and method.
 
     Attributes:
-        succeeded: Runs that succeed by the paper's criterion.
-        success_interval: Wilson's 95% interval of their rate.
+        succeeded: Number of runs that succeed by the paper's criterion.
+        success_interval: 95% Wilson interval of the success rate.
         deterministic: Success rate of the deterministic policies' episodes.
-        distance, distance_interval: Mean normalised final distance, and its bootstrap interval over runs.
-        samples, learning_minutes: Means a run.
-        translator_minutes: Mean; None where no run has one on record.
-        paper: The paper's own success rate; None where it reports none.
+        distance, distance_interval: Mean normalized final distance and its bootstrap interval over runs.
+        samples, learning_minutes: Means over runs.
+        translator_minutes: Mean over the runs where it is known; None if it is known of none.
+        paper: Success rate in the paper; None if it reports none.
     """
 
     task: str

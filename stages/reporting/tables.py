@@ -13,30 +13,30 @@ WORDS = ("task", "method")
 SUMMARY_HEADS = (
     *WORDS,
     "runs",
-    "success, paper's criterion [95%]",
-    "the paper's own",
-    "deterministic episodes that succeed",
-    "distance left [95%]",
-    "samples a run",
-    "learning, minutes a run",
-    "translator, minutes",
+    "success rate, paper's criterion [95%]",
+    "success rate in the paper",
+    "success rate of deterministic episodes",
+    "normalized final distance [95%]",
+    "samples per run",
+    "learning minutes per run",
+    "translator minutes",
 )
 
 
 @dataclass(frozen=True)
 class Table:
-    """Heads, and rows of as many texts, unescaped."""
+    """Column heads, and rows with one unescaped text per head."""
 
     heads: tuple[str, ...]
     rows: list[tuple[str, ...]]
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Heads of the columns of words; the others hold figures, which are aligned to the right."""
+        """Heads of the text columns; the other columns hold figures, which are right-aligned."""
         return WORDS
 
     def markdown(self) -> str:
-        """A table of Markdown, in which no text breaks out of its cell."""
+        """The table in Markdown; no text breaks out of its cell."""
         marks = ["---" if head in WORDS else "---:" for head in self.heads]
         lines = [[in_markdown(text) for text in self.heads], marks]
         lines += [[in_markdown(text) for text in row] for row in self.rows]
@@ -44,12 +44,12 @@ class Table:
 
 
 def summary_table(summaries: Sequence[Summary]) -> Table:
-    """Success by task and method, beside the paper's."""
+    """Success by task and method, beside the paper's rates."""
     return Table(SUMMARY_HEADS, [_summary_row(item) for item in summaries])
 
 
 def in_markdown(text: str) -> str:
-    """A text on one line, of which Markdown makes no HTML, no link, and no end of a cell."""
+    """A text on one line, escaped so that Markdown reads no HTML, link or end of a cell in it."""
     plain = escape(" ".join(text.split()), quote=False).replace("\\", "\\\\")
     return plain.replace("](", "]\\(").replace("|", "\\|")
 
@@ -57,7 +57,7 @@ def in_markdown(text: str) -> str:
 def _summary_row(item: Summary) -> tuple[str, ...]:
     low, high = item.success_interval
     near, far = item.distance_interval
-    # One run has no spread over runs to speak of.
+    # A single run has no spread over runs.
     distance_interval = f" [{near:.3f}, {far:.3f}]" if len(item.runs) > 1 else ""
     return (
         item.task,

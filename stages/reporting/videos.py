@@ -9,8 +9,8 @@ from pathlib import Path
 from artifacts import Artifact, ancestors, sibling
 from stages.reporting.rows import Run
 
-MOST_BYTES = 30 * 10**6  # of all videos of a page together
-MOST_TRANSLATIONS = 4  # a task
+MOST_BYTES = 30 * 10**6  # total size of the videos of a page
+MOST_TRANSLATIONS = 4  # per task
 
 
 @dataclass(frozen=True)
@@ -25,18 +25,18 @@ class Video:
 
 @dataclass(frozen=True)
 class Videos:
-    """What a page shows, and one line for each thing that it does not."""
+    """The videos of a page, and one line on those that are not shown."""
 
     shown: list[Video]
     notes: list[str]
 
 
 def collect_videos(evaluations: Sequence[Artifact], runs: Sequence[Run]) -> Videos:
-    """Read the videos of evaluations, then those of translations, until a page is full.
+    """Read the videos of evaluations, then those of translations, up to `MOST_BYTES`.
 
     Args:
         evaluations: In the order in which their videos are shown.
-        runs: All that count.
+        runs: All runs that count.
     """
     shown: list[Video] = []
     missing, left_out = [], []
@@ -56,9 +56,11 @@ def collect_videos(evaluations: Sequence[Artifact], runs: Sequence[Run]) -> Vide
         shown.append(Video(task, title, path, data))
     notes = []
     if missing:
-        notes.append(f"Videos that are not there: {_listed(missing)}.")
+        notes.append(f"Missing videos: {_listed(missing)}.")
     if left_out:
-        notes.append(f"Videos left out, to keep the page below {MOST_BYTES / 1e6:.0f} MB of them: {_listed(left_out)}.")
+        notes.append(
+            f"Videos left out because a page holds at most {MOST_BYTES / 1e6:.0f} MB of videos: {_listed(left_out)}."
+        )
     return Videos(shown, notes)
 
 
@@ -67,12 +69,12 @@ def _evaluation_videos(evaluations: Sequence[Artifact], runs: Sequence[Run]) -> 
         mine = [run for run in runs if run.evaluation is artifact]
         if mine:
             methods = ", ".join(dict.fromkeys(run.method for run in mine))
-            title = f"What was learned ({methods}): the evaluation's first runs, an episode each"
+            title = f"Learned policies ({methods}): one episode of each of the first runs"
             yield mine[0].task, title, sibling(artifact.path, ".mp4")
 
 
 def _translation_videos(runs: Sequence[Run]) -> Iterator[tuple[str, str, Path]]:
-    """Of each task the first few, each translation once; only those that its policies were learned from for sure."""
+    """The first few translations of each task, each once; only if unchanged since a policy was learned from them."""
     found: dict[str, set[Path]] = {}
     for run in runs:
         if run.policy is None or not run.method.startswith("translation"):

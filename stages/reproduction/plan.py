@@ -1,4 +1,4 @@
-"""The paper's grid of learning runs as jobs: each one command, with the files that it reads and the one it writes."""
+"""The paper's grid of learning runs as jobs: one command each, with the files that it reads and the one it writes."""
 
 from __future__ import annotations
 
@@ -103,13 +103,13 @@ METHODS: dict[str, Method] = {
     )
 }
 COMPARED = ("oracle", "translation", "pretrained", "tpil", "gail")
-# What the paper ablates, a task (Sec. VI.C).
+# The paper's ablations of each task (Sec. VI.C).
 ABLATED = {
     "reach": ("without-feat", "without-img", "without-trans", "without-rec", "without-rec-align"),
     "push": ("without-feat", "without-img"),
 }
 
-OWN_DEMOS = {"quick": ("-n", "1024"), "paper": ("-n", "1024")}  # of one context, fewer show as much
+OWN_DEMOS = {"quick": ("-n", "1024"), "paper": ("-n", "1024")}  # a single context needs fewer
 
 
 @dataclass(frozen=True)
@@ -118,9 +118,9 @@ class Job:
 
     Attributes:
         stage: The subcommand.
-        task: What it is about.
+        task: Name of the task.
         words: The command line, after `ifo`.
-        inputs, output: File names, in the folder where all of them lie.
+        inputs, output: File names in the grid's folder.
     """
 
     stage: str
@@ -131,24 +131,24 @@ class Job:
 
     @property
     def name(self) -> str:
-        """A name of letters, digits and underscores, its own among the jobs."""
+        """A unique name of letters, digits and underscores."""
         return self.output.removesuffix(".h5").replace("-", "_").replace(".", "_")
 
     @property
     def command(self) -> str:
-        """What a shell runs."""
+        """The command line for a shell."""
         return shlex.join([sys.executable, "-m", "ifo_cli", *self.words])
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Which runs to make.
+    """The runs to make.
 
     Attributes:
         tasks: Names of tasks.
-        methods: Names in METHODS; empty: those of the paper's comparison and, where it has some, its ablations.
-        contexts: Contexts a task and method, of seeds 0, 1, ...
-        preset, seed: As of every stage.
+        methods: Names in METHODS; empty: those of the paper's comparison, and its ablations of the task.
+        contexts: Contexts per task and method, with seeds 0, 1, ...
+        preset, seed: Of every stage.
     """
 
     tasks: tuple[str, ...] = TASKS
@@ -163,7 +163,7 @@ class Grid:
 
 
 def plan(grid: Grid) -> list[Job]:
-    """All jobs of a grid, each after those whose files it reads. The evaluations are what is wanted of it."""
+    """All jobs of a grid, each after the jobs whose files it reads. The evaluations are its results."""
     jobs: dict[str, Job] = {}
     for task in grid.tasks:
         for method in grid.methods_of(task):
@@ -173,7 +173,7 @@ def plan(grid: Grid) -> list[Job]:
 
 
 def _run(grid: Grid, task: str, name: str, seed: int) -> Iterator[Job]:
-    """The jobs behind one learning run, from the expert on; runs share what has the same name."""
+    """The jobs behind one learning run, from the expert on; runs share files of the same name."""
     method = METHODS[name]
     common = ("--preset", grid.preset, "--seed", str(grid.seed), "--workers", "1")
     expert = f"{task}.expert.h5"
@@ -199,5 +199,5 @@ def _run(grid: Grid, task: str, name: str, seed: int) -> Iterator[Job]:
 
 
 def wanted(jobs: Sequence[Job]) -> list[Job]:
-    """The jobs whose files are what a grid is made for."""
+    """The jobs that write the results of a grid."""
     return [job for job in jobs if job.stage == "evaluate"]

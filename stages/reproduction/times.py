@@ -1,4 +1,4 @@
-"""How long jobs will take, from what benchmarks and runs took on one core with AVX2, and a preset's numbers."""
+"""Estimates of how long jobs take, from benchmarks and runs on one core with AVX2."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from typing import Any
 from stages.config.presets import defaults
 from stages.reproduction.plan import Job
 
-EXPERT_SAMPLES = 11_000  # a second: physics, policy and TRPO's updates
-DEMO_FRAMES = 3_000  # a second, of benchmarks/collect_demos.py
-PAIRS = {"compact": 240.0, "paper": 27.0, "real": 95.0}  # pairs of frames a second, of benchmarks/translator_step.py
-TRANSLATE = 25.0  # seconds, quality of the reward included
-LEARNER_SAMPLES = 3_300  # a second, frames drawn and encoded (benchmarks/learn_cost.py)
+EXPERT_SAMPLES = 11_000  # per second: physics, policy and TRPO's updates
+DEMO_FRAMES = 3_000  # per second, by benchmarks/collect_demos.py
+PAIRS = {"compact": 240.0, "paper": 27.0, "real": 95.0}  # pairs of frames per second, by benchmarks/translator_step.py
+TRANSLATE = 25.0  # seconds, including the quality of the reward
+LEARNER_SAMPLES = 3_300  # per second, frames rendered and encoded (benchmarks/learn_cost.py)
 ORACLE_SAMPLES = 7_000
-DISCRIMINATOR_STEPS = {"gail": 14.0, "tpil": 6.0}  # a second
-PRETRAINED_FRAMES = 450.0  # a second, of 64x64 pixels, up to the last layer
+DISCRIMINATOR_STEPS = {"gail": 14.0, "tpil": 6.0}  # per second
+PRETRAINED_FRAMES = 450.0  # per second, 64x64 pixels, up to the last layer
 EVALUATE = 15.0  # seconds
-START = 4.0  # seconds until a command has imported what it needs
+START = 4.0  # seconds that a command spends on imports
 SAMPLES_AN_EPISODE, FRAMES_AN_EPISODE = 50, 24
-MEMORY = {"collect-demos": 4_500, "train-translator": 4_500}  # MB; other stages:
-LEAST_MEMORY = 1_500
+MEMORY = {"collect-demos": 4_500, "train-translator": 4_500}  # MB
+LEAST_MEMORY = 1_500  # MB, of the other stages
 
 
 def minutes(job: Job, preset: str) -> float:
@@ -39,7 +39,7 @@ def _seconds(job: Job, config: Any) -> float:
         own = int(job.words[job.words.index("-n") + 1]) if "-n" in job.words else config.n
         return own * (FRAMES_AN_EPISODE + 1) / DEMO_FRAMES
     if job.stage == "train-translator":
-        steps = 0 if "--steps" in job.words else config.steps  # --steps 0 is all that jobs say of it
+        steps = 0 if "--steps" in job.words else config.steps  # jobs only ever say --steps 0
         return steps * config.videos * config.frames / PAIRS[config.arch]
     if job.stage == "translate":
         return TRANSLATE
@@ -58,7 +58,7 @@ def _seconds(job: Job, config: Any) -> float:
 
 
 def longest_chain(jobs: list[Job], preset: str) -> float:
-    """Minutes of the longest chain of jobs of which each waits for the one before: no number of cores is faster."""
+    """Minutes of the longest chain of jobs that depend on each other: a lower bound for any number of cores."""
     until: dict[str, float] = {}
     for job in jobs:
         until[job.output] = minutes(job, preset) + max((until.get(name, 0.0) for name in job.inputs), default=0.0)
