@@ -10,7 +10,7 @@ import os
 import sys
 from importlib.machinery import PathFinder
 
-PACKAGES = ("artifacts", "stages")
+PACKAGES = ("artifacts", "ifo", "stages")
 
 
 def put_our_packages_first(home: str) -> None:

@@ -39,8 +39,9 @@ def test_every_other_file_of_a_package_is_package_data():
     others = [path for path in package_files() if path.suffix != ".py"]
     assert others, "no file to look at"
     for path in others:
-        package = ".".join(path.parent.relative_to(ROOT).parts)
-        assert any(path.match(pattern) for pattern in data.get(package, [])), f"{path} would not be installed"
+        package = next(folder for folder in path.parents if (folder / "__init__.py").is_file())
+        patterns = data.get(".".join(package.relative_to(ROOT).parts), [])
+        assert path in {found for pattern in patterns for found in package.glob(pattern)}, f"{path} is not installed"
 
 
 def test_python_versions_are_the_same_everywhere():

@@ -18,7 +18,7 @@ import importlib.util, multiprocessing
 import ifo_cli
 
 with multiprocessing.get_context("spawn").Pool(1) as pool:
-    for name in ("artifacts", "stages", "glide"):
+    for name in ("artifacts", "ifo", "stages", "glide"):
         print(pool.apply(importlib.util.find_spec, (name,)).origin)
 """
 
@@ -27,7 +27,7 @@ with multiprocessing.get_context("spawn").Pool(1) as pool:
 def folder(tmp_path):
     """A user's folder: a module, a package and a task of their own."""
     (tmp_path / "stages").mkdir()
-    for name in ("artifacts.py", "stages/__init__.py"):
+    for name in ("artifacts.py", "ifo.py", "stages/__init__.py"):
         (tmp_path / name).write_text(f"raise RuntimeError('the user has a {name}')\n")
     (tmp_path / "glide.py").write_text((ROOT / "tests/examples/glide.py").read_text(encoding="utf-8"))
     return tmp_path
@@ -55,6 +55,7 @@ def test_spawned_processes_find_ours_and_the_users_task(folder):
     done = run(folder, sys.executable, "-c", SPAWN, path=["."])
     assert done.stdout.split() == [
         str(ROOT / "artifacts/__init__.py"),
+        str(ROOT / "ifo/__init__.py"),
         str(ROOT / "stages/__init__.py"),
         str(folder / "glide.py"),
     ], done.stderr
