@@ -1,6 +1,7 @@
 """The learner around the search, on a point mass without a simulator: costs, noise, turns, refinement, state."""
 
 import dataclasses
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -234,22 +235,29 @@ def test_costs_that_are_no_numbers_are_told():
         model.learn(0)
 
 
+def fresh(starts):
+    return make(dataclasses.replace(CONFIG, starts=starts), Place(1, finer=Place(2)))
+
+
+@cache
+def states_of(starts):
+    """Of an undisturbed learner: it, and its state before each of four iterations as a checkpoint holds it."""
+    model, states = fresh(starts), []
+    for _ in range(4):
+        states.append(pack(model.state()))
+        model.learn(0)
+    return model, states
+
+
 @pytest.mark.parametrize("done", [0, 1, 2, 3])
 @pytest.mark.parametrize("starts", [1, 2])
 def test_a_restored_learner_goes_on_bit_for_bit(done, starts):
-    config = dataclasses.replace(CONFIG, starts=starts)
-
-    def fresh():
-        return make(config, Place(1, finer=Place(2)))
-
-    whole, begun, resumed = fresh(), fresh(), fresh()
-    for model, times in ((whole, 5), (begun, done)):
-        for _ in range(times):
-            model.learn(0)
-    tree = begun.state()
-    assert (tree["iterations"], tree["samples"], len(tree["starts"])) == (done, done * N * STEPS, len(begun._starts))
-    resumed.restore(unpack(*pack(tree)))
-    for _ in range(5 - done):
+    whole, states = states_of(starts)
+    tree, resumed = unpack(*states[done]), fresh(starts)
+    assert (tree["iterations"], tree["samples"]) == (done, done * N * STEPS)
+    assert len(tree["starts"]) == (starts if done < 2 else 1)
+    resumed.restore(tree)
+    for _ in range(4 - done):
         resumed.learn(0)
     assert resumed.num_timesteps == whole.num_timesteps and resumed.env.episode == whole.env.episode
     for one, other in ((whole.own, resumed.own), (whole.controller, resumed.controller)):
