@@ -74,6 +74,26 @@ def test_noise_is_not_warped():
     assert late < 2.5, "soft-DTW without a clock moves them by more than three frames"
 
 
+def test_the_common_tempo_is_found_from_some_sequences_spread_over_all(monkeypatch):
+    import tslearn.barycenters
+
+    monkeypatch.setattr(alignment, "REFERENCES", 3)
+    seen, real = [], tslearn.barycenters.softdtw_barycenter
+
+    def barycenter(sequences, **options):
+        seen.append((sequences, options))
+        return real(sequences, **options)
+
+    monkeypatch.setattr(tslearn.barycenters, "softdtw_barycenter", barycenter)
+    videos = sequences(playback(np.random.default_rng(0), 9, T, jitter=0.4))
+    common_index(videos)
+    (few, options), clocked = seen[0], alignment._with_clock(alignment._scaled(videos), np.arange(T))
+    np.testing.assert_array_equal(few, clocked[[0, 4, 8]])
+    assert options["gamma"] == alignment.SMOOTHING and options["max_iter"] == alignment.ROUNDS
+    apart = np.square(np.stack(few) - np.mean(few, axis=0)).sum(axis=(1, 2))
+    np.testing.assert_array_equal(options["init"], few[apart.argmin()])
+
+
 def test_features_that_never_move_or_are_no_numbers_keep_equal_times():
     equal = np.tile(np.arange(5.0), (3, 1))
     np.testing.assert_array_equal(common_index(np.ones((3, 5, 4), np.float32)), equal)
@@ -124,7 +144,7 @@ def test_playback_keeps_its_bounds():
 
 def test_without_tslearn_one_line_says_what_to_install(monkeypatch):
     monkeypatch.setattr(alignment, "find_spec", lambda name: None)
-    with pytest.raises(PlatformError, match=r"ifo\[align\]"):
+    with pytest.raises(PlatformError, match=r"^--align dtw needs tslearn: .*ifo\[align\].* --align none$"):
         common_index(sequences(np.tile(np.arange(T), (3, 1))))
 
 
