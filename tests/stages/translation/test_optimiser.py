@@ -186,3 +186,19 @@ def test_at_most_a_fifth_and_at_least_two_demonstrations_are_held_out(demonstrat
 def test_without_a_gpu_videos_stay_where_they_are():
     frames = coded()
     assert on_gpu(frames, "cpu") is frames
+
+
+@pytest.mark.parametrize(("align", "aligned"), [("dtw", [8, 20]), ("none", [])])
+def test_videos_are_aligned_after_a_fifth_and_after_half_of_the_steps(align, aligned, monkeypatch):
+    training = start(dataclasses.replace(CONFIG, steps=40, align=align))
+    found, seen = np.tile([0, 2, 2, 3, 4], (6, 1)), []
+    monkeypatch.setattr(module, "video_index", lambda *given: seen.append((training.step, given)) or found)
+    for step in range(41):
+        training.step = step
+        training.align()
+    assert [step for step, _ in seen] == aligned
+    for _, (model, frames, reference, device) in seen:
+        assert model is training.average and torch.equal(frames, noise())
+        assert torch.equal(reference, noise()[0, 0]) and device == "cpu"
+    assert training._index is (found if aligned else None)
+    assert ("index" in training.state()) == bool(aligned)

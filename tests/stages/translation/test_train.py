@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import numpy as np
 import pytest
 import torch
 
@@ -33,7 +32,7 @@ class Recorded(Checkpoints):
 def loop(tmp_path):
     """A function that trains: (training, curve, steps evaluated at, steps checkpointed at)."""
 
-    def run(name="x", config=CONFIG, stop=None, resume=True, seed=3, change=None, progress=None):
+    def run(name="x", config=CONFIG, stop=None, resume=True, seed=3, change=None, progress=None, evaluation=None):
         training = TranslatorTraining(config, FRAMES, seed, "cpu")
         if change is not None:
             change(training)
@@ -49,6 +48,8 @@ def loop(tmp_path):
             if stop is not None and training.step >= stop:
                 raise KeyboardInterrupt
             evaluated.append(training.step)
+            if evaluation is not None:
+                evaluation()
             return {"psnr": 10.0 + training.step, "copy_psnr": 9.0, "ssim": 0.5, "feature_ratio": 0.7}
 
         try:
@@ -101,22 +102,36 @@ def test_an_interrupted_training_resumes_with_the_same_weights_and_curve(loop):
         assert torch.equal(value, resumed.average.state_dict()[name]), name
 
 
-def test_seconds_of_a_resumed_evaluation_count_those_before_the_checkpoint(loop, monkeypatch):
-    clock = iter(np.arange(0.0, 1e4, 1.0))
-    monkeypatch.setattr("stages.translation.training.time.monotonic", lambda: float(next(clock)))
-    _, curve, _, _ = loop("whole", dataclasses.replace(CONFIG, steps=9, evaluate_every=9, checkpoint_every=6))
-    (together,) = curve["seconds"]
-    loop("parts", dataclasses.replace(CONFIG, steps=9, evaluate_every=9, checkpoint_every=6), stop=9)
-    _, curve, _, _ = loop("parts", dataclasses.replace(CONFIG, steps=9, evaluate_every=9, checkpoint_every=6))
-    assert curve["seconds"] == [pytest.approx(together, abs=4)]
-    assert together > 8
+def test_seconds_are_those_since_the_last_evaluation_whatever_happened_in_between(loop, monkeypatch):
+    """Of a clock by which a step takes one second, an evaluation ten and everything else nothing."""
+    now = [100.0]
+    monkeypatch.setattr("stages.translation.training.time.monotonic", lambda: now[0])
+
+    def slow(training):
+        step = training.train_step
+
+        def taking_a_second():
+            now[0] += 1
+            return step()
+
+        training.train_step = taking_a_second
+
+    def evaluation():
+        now[0] += 10
+
+    _, curve, _, _ = loop("whole", change=slow, evaluation=evaluation)
+    assert curve["seconds"] == [14.0, 14.0, 12.0]
+    loop("parts", change=slow, evaluation=evaluation, stop=8)
+    now[0] += 5000
+    _, curve, _, _ = loop("parts", change=slow, evaluation=evaluation)
+    assert curve["seconds"] == [14.0, 14.0, 12.0], "steps that are done again count once"
 
 
 def test_losses_that_are_no_numbers_stop_the_training(loop):
     def spoil(training):
         next(training.model.parameters()).data.fill_(float("nan"))
 
-    with pytest.raises(UsageError, match=r"--learning-rate 0\.001.* 4 steps") as caught:
+    with pytest.raises(UsageError, match=r"^--learning-rate 0\.001: .* 4 steps .* lower") as caught:
         loop(change=spoil)
     assert "\n" not in str(caught.value)
 
