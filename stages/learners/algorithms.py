@@ -1,4 +1,4 @@
-"""The learners behind one interface, made from one configuration: TRPO, PPO and SAC of Stable-Baselines3, and GPS."""
+"""All learners behind one interface and one configuration: TRPO, PPO and SAC from Stable-Baselines3, and GPS."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from stages.learners.environment import EpisodeEnv
 from stages.learners.gps.learner import GuidedPolicySearch
 
 Learner = BaseAlgorithm | GuidedPolicySearch
-SAC_ROLLOUT = 50  # control steps at most between SAC's updates
+SAC_ROLLOUT = 50  # maximum number of control steps between SAC updates
 
 
 def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int) -> Learner:
-    """A learner over `env`, silent (the caller logs), seeded."""
+    """Make a seeded learner for `env` that logs nothing itself; the caller logs."""
     if config.learner == "gps":
         return GuidedPolicySearch(config, env, seed)
     steps = env.task.control_steps
@@ -60,7 +60,7 @@ def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int) -> Learner:
             device="cpu",
         )
     else:
-        # A divisor of the episode, so that iterations and episodes end together.
+        # The rollout length divides the episode length, so that iterations and episodes end together.
         rollout = next(k for k in range(min(steps, SAC_ROLLOUT), 0, -1) if steps % k == 0)
         model = SAC(
             "MlpPolicy",
@@ -81,7 +81,7 @@ def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int) -> Learner:
 
 
 def learner_state(model: Learner) -> dict[str, Any]:
-    """Everything that decides how learning goes on, as a tree of arrays and numbers."""
+    """The complete state that determines the rest of training, as a tree of arrays and numbers."""
     from stages.runtime.trees import to_tree
 
     if isinstance(model, GuidedPolicySearch):
@@ -91,7 +91,7 @@ def learner_state(model: Learner) -> dict[str, Any]:
         "parameters": to_tree(model.get_parameters()),
         "variables": to_tree({name: getattr(model, name) for name in variables}),
         "torch": torch.get_rng_state().numpy(),
-        "numpy": list(np.random.get_state(legacy=True)),  # SB3 shuffles its minibatches with the global generator.
+        "numpy": list(np.random.get_state(legacy=True)),  # SB3 shuffles minibatches with NumPy's global generator.
         "samples": int(model.num_timesteps),
         "updates": int(getattr(model, "_n_updates", 0)),
         "episode": model.env.episode if isinstance(model.env, EpisodeEnv) else 0,
@@ -105,7 +105,7 @@ def learner_state(model: Learner) -> dict[str, Any]:
 
 
 def restore_learner(model: Learner, state: dict[str, Any]) -> None:
-    """Put `learner_state` back, bit for bit."""
+    """Restore a state returned by `learner_state`, bit for bit."""
     from stages.runtime.trees import from_tree
 
     if isinstance(model, GuidedPolicySearch):
@@ -122,7 +122,7 @@ def restore_learner(model: Learner, state: dict[str, Any]) -> None:
         buffer.pos, buffer.full = state["replay_position"]
     env = model.env
     assert isinstance(env, EpisodeEnv)
-    env.episode = state["episode"] - 1  # The running episode was drawn before the state was taken: draw it again.
+    env.episode = state["episode"] - 1  # The current episode was drawn before the state was saved; draw it again.
     model._last_obs = env.reset()
     model._last_episode_starts = np.ones(env.num_envs, bool)
     np.random.set_state(tuple(state["numpy"]))

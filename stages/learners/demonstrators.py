@@ -1,4 +1,4 @@
-"""Who demonstrates: an expert that was trained on the robot, or the person that a task brings, with its own body."""
+"""Demonstrators: a trained expert policy on the robot, or the task's scripted demonstrator with its own body."""
 
 from __future__ import annotations
 
@@ -19,16 +19,17 @@ if TYPE_CHECKING:
 
 Act = Callable[[State, Contexts], np.ndarray]
 
-IMPORTED = "import-demos"  # the stage of demonstrations that hold only frames
+IMPORTED = "import-demos"  # the stage whose demonstrations contain only frames
 
 
 class Demonstrator(ABC):
-    """Does a task in any context.
+    """Base class of demonstrators, which perform a task in any context.
 
     Attributes:
-        task: What is filmed: the learner's task, or the same with another body in place of the robot.
-        parents: Artifacts that it was made from.
-        noise: Standard deviation of actions that spoil the task: torques of an expert, but places of a hand.
+        task: The task that is recorded: the learner's task, or the same task with another body instead of the robot.
+        parents: Artifacts that the demonstrator was made from.
+        noise: Standard deviation of action noise that makes the demonstrator fail, in units of its actions: normalized
+            torques for an expert, positions for a hand.
     """
 
     task: Task
@@ -37,36 +38,40 @@ class Demonstrator(ABC):
 
     @abstractmethod
     def begin(self, contexts: Contexts, rng: np.random.Generator | None = None) -> Act:
-        """The actions of an episode in each of n contexts: (state, contexts) -> (n, nu).
+        """Start one episode in each of n contexts.
 
         Args:
-            rng: Of what varies from one demonstration to the next beside the context; None: nothing.
+            contexts: The n contexts.
+            rng: Generator for variation between demonstrations in the same context; None: no variation.
+
+        Returns:
+            A function (state, contexts) -> actions (n, nu).
         """
 
     @abstractmethod
     def kinesthetic(self, contexts: Contexts) -> np.ndarray:
-        """Joint positions (T, nq) of the robot that is led through the task in one context (leading axis 1)."""
+        """Joint positions (T, nq) of the robot, guided through the task in one context (leading axis 1)."""
 
     def motion(self, contexts: Contexts) -> np.ndarray:
-        """Joint positions (n, T, nq) at a video's frames, of what it does in each of n contexts."""
+        """Joint positions (n, T, nq) at the video frames of one demonstration in each of n contexts."""
         from stages.simulation.batch import rollout
 
         episodes = rollout(self.task, contexts, *self.task.context_state(contexts), self.begin(contexts), 1)
         return episodes.frame_qpos(self.task)
 
     def video(self, contexts: Contexts, pool: RenderPool) -> np.ndarray:
-        """The same as video (n, T, H, W, 3): the truth to judge translations by. `pool` draws `task`."""
+        """Videos (n, T, H, W, 3) of `motion`: the ground truth for translations. `pool` must render `self.task`."""
         return pool.render(self.task.model_fields(contexts), self.motion(contexts))
 
 
 class Expert(Demonstrator):
-    """A trained policy that sees the state and the goal."""
+    """A trained policy that observes the state and the goal."""
 
     def __init__(self, task: Task, path: Path):
         """Load the expert artifact at `path`.
 
         Raises:
-            ArtifactError: It is no expert of this task.
+            ArtifactError: The file is not an expert for this task.
         """
         from stages.learners.policy import Policy
 
@@ -82,14 +87,18 @@ class Expert(Demonstrator):
 
 
 class Person(Demonstrator):
-    """Moves by a plan, which knows of the context."""
+    """The task's scripted demonstrator, which follows a plan computed from the context."""
 
     noise = 0.1
 
     def __init__(self, task: Task):
-        """The person that `task` brings."""
+        """Use the scripted demonstrator of `task`.
+
+        Raises:
+            UsageError: The task has no scripted demonstrator.
+        """
         if task.demonstrator is None:
-            raise UsageError(f"task {task.name} brings nobody who demonstrates it: an expert must be trained")
+            raise UsageError(f"task {task.name} has no scripted demonstrator; train an expert with `ifo train-expert`")
         self._robot, self.task = task, task.demonstrator
 
     def begin(self, contexts: Contexts, rng: np.random.Generator | None = None) -> Act:
@@ -106,10 +115,10 @@ class Person(Demonstrator):
 
 
 def demonstrator_of(task: Task, demos: Artifact) -> Demonstrator:
-    """Who made the demonstrations.
+    """The demonstrator that recorded `demos`.
 
     Raises:
-        ArtifactError: The expert's file is missing, changed or unknown.
+        ArtifactError: The expert's file is missing, was changed, or is not recorded in `demos`.
     """
     if task.demonstrator is not None:
         return Person(task)
@@ -117,21 +126,22 @@ def demonstrator_of(task: Task, demos: Artifact) -> Demonstrator:
 
 
 def load_expert(path: str | Path, task_name: str) -> Artifact:
-    """The expert artifact at `path`, of task `task_name`.
+    """Read the expert artifact at `path`.
 
     Raises:
-        ArtifactError: No expert of that task.
+        ArtifactError: The file is not an expert for task `task_name`.
     """
     artifact = read_artifact(path, "expert")
     if artifact.config["task"] != task_name:
-        raise ArtifactError(f"{path} is an expert of {artifact.config['task']}, expected one of {task_name}")
+        raise ArtifactError(f"{path} is an expert for {artifact.config['task']}, expected one for {task_name}")
     return artifact
 
 
 def filmed_contexts(demos: Artifact) -> tuple[str, str]:
-    """The context distribution of demonstrations, and what varies in it (empty: the task's own choice).
+    """The context distribution of demonstrations, and the factors that vary in it (empty: the task's default).
 
-    Imported demonstrations do not record one: theirs is what `collect-demos` would draw from under their preset.
+    Imported demonstrations do not record a distribution. For them, this is the one that `collect-demos` would use with
+    the same preset.
     """
     if demos.config.get("stage") == IMPORTED:
         from stages.simulation.registry import task_defaults

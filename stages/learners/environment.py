@@ -1,4 +1,4 @@
-"""The batch of simulations as a Stable-Baselines3 VecEnv whose episodes start and end together."""
+"""A batch of simulations as a Stable-Baselines3 VecEnv whose episodes start and end together."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from stages.simulation.task import State, Task
 
 
 class EpisodeEnv(VecEnv):
-    """`nsim` simulations of a task; one call of `step` is one control step of all of them.
+    """`nsim` simulations of a task; each call of `step` runs one control step in all of them.
 
-    What an episode looks like follows from the seed and the episode's number alone, so that a run is resumed by
-    setting `episode` and resetting.
+    The contexts and initial states of an episode depend only on the seed and the episode number. To resume a run, set
+    `episode` and call `reset`.
 
     Attributes:
         episode: Number of the episode that the next `reset` starts.
-        state: Where the simulations are: at an episode's end, where the next one starts.
-        final: Where the last episode ended.
-        contexts: The running episode's contexts.
-        distances: Normalised final distances (nsim,) of the episodes that ended since the last `pop_distances`.
+        state: Current state; at the end of an episode, the initial state of the next one.
+        final: Final state of the last episode.
+        contexts: Contexts of the current episode.
+        distances: Normalized final distances (nsim,) of each batch of episodes that ended since `pop_distances`.
     """
 
     render_mode = None
@@ -97,7 +97,7 @@ class EpisodeEnv(VecEnv):
         return observation, rewards.astype(np.float32), np.full(self.num_envs, done), infos
 
     def pop_distances(self) -> np.ndarray:
-        """Normalised final distances (m,) of all episodes since the last call."""
+        """Normalized final distances (m,) of all episodes that ended since the last call."""
         ended = np.concatenate(self.distances) if self.distances else np.empty(0)
         self.distances = []
         return ended

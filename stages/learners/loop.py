@@ -1,4 +1,4 @@
-"""The learning loop that experts and imitating policies share: iterate, log, checkpoint, resume."""
+"""The learning loop shared by experts and imitation policies: iterate, log, save checkpoints, resume."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from stages.runtime.seeding import integer
 from stages.runtime.tensorboard import TensorBoard
 
 Curve = dict[str, list[float]]
-FLAT = 0.01  # of the return's range: less is no gain
+FLAT = 0.01  # smallest gain that counts as an improvement, as a share of the range of returns
 
 
 def learn(
@@ -31,21 +31,20 @@ def learn(
     stage: str,
     checkpoints: Checkpoints,
 ) -> tuple[Learner, Curve]:
-    """Run all iterations, from the checkpoint if the run resumes one.
+    """Run all iterations, starting from the checkpoint if the run resumes one.
 
-    Small networks on small batches are fastest, and resume bit for bit, on the CPU: that is where learners live.
-
-    A run that was killed and resumed ends with the same weights as one that was not (on CPU).
+    Learners run on the CPU: it is fastest for small networks and small batches, and there a resumed run ends with
+    exactly the same weights as an uninterrupted one.
 
     Returns:
-        The learner, and its curve: one value an iteration of `iteration`, `samples`, `seconds`, each term of the
-        reward, `normalised_distance` (mean over the iteration's episodes), `success` and `action_std`.
+        The learner and its curve. The curve has one value per iteration of `iteration`, `samples`, `seconds`, each
+        term of the reward, `normalised_distance` (mean over the iteration's episodes), `success` and `action_std`.
 
     Raises:
-        UsageError: The checkpoint was written under another configuration or seed, or learning has diverged.
-        Interrupted: By the keyboard; the checkpoint was kept.
+        UsageError: The checkpoint was written with another configuration or seed, or learning diverged.
+        Interrupted: The user interrupted the run; the checkpoint is kept.
     """
-    with np.errstate(all="ignore"):  # What it comes to is looked at after the first iteration.
+    with np.errstate(all="ignore"):  # Non-finite values are reported after the first iteration.
         model = make_learner(config, env, integer(run.seed, "learner"))
     curve: Curve = {}
     done = 0
@@ -85,18 +84,18 @@ def learn(
                         {"learner": learner_state(model), "reward": env.reward.state(), "curve": curve, "done": done}
                     )
     except KeyboardInterrupt as error:
-        # The learner stands between two states: only the checkpoint's counts.
+        # The learner may be in the middle of an update, so only the checkpoint is valid.
         raise checkpoints.interrupted(f"{done} of {config.iterations} iterations") from error
     if done < config.iterations:
-        run.progress.say(f"{stage}: stopped after {done} iterations, the return has been flat for {config.patience}")
+        run.progress.say(f"{stage}: stopped after {done} iterations; no gain in the last {config.patience}")
     return model, curve
 
 
 def _learn_once(model: Learner, samples: int, done: int) -> None:
-    """One iteration.
+    """Run one iteration.
 
     Raises:
-        UsageError: The numbers that it computes with are no finite ones any more.
+        UsageError: Learning diverged: a value became NaN or infinite.
     """
     try:
         with np.errstate(all="ignore"):
@@ -104,26 +103,26 @@ def _learn_once(model: Learner, samples: int, done: int) -> None:
         finite = is_finite(model)
     except FloatingPointError:
         finite = False
-    except ValueError as error:  # What torch raises about such numbers; it shows them.
+    except ValueError as error:  # torch raises ValueError for non-finite values and prints them in the message.
         if is_finite(model) and not re.search(r"\b(inf|nan)\b", str(error)):
             raise
         finite = False
     if not finite:
         raise UsageError(
-            f"iteration {done + 1} left no finite numbers to go on with: give a smaller --kl, --critic-rate, --log-std "
-            "or weight of the reward"
+            f"learning diverged in iteration {done + 1} (NaN or infinite values); lower --kl, --critic-rate, --log-std "
+            "or the weights of the reward"
         )
 
 
 def is_finite(model: Learner) -> bool:
-    """Whether the policy's weights are numbers to compute with."""
+    """Whether all weights of the policy are finite."""
     return all(np.isfinite(values).all() for values in policy_weights(model).values())
 
 
 def is_flat(returns: list[float], patience: int) -> bool:
-    """Whether the last `patience` returns are on average no better than as many before them.
+    """Whether the mean of the last `patience` returns is no better than the mean of the `patience` returns before.
 
-    Better is by more than a hundredth of the whole curve's range. Never with a patience of 0.
+    A gain counts if it exceeds one hundredth of the range of all returns. With a patience of 0, the result is False.
     """
     if not patience or len(returns) < 2 * patience:
         return False
@@ -132,7 +131,7 @@ def is_flat(returns: list[float], patience: int) -> bool:
 
 
 def action_std(model: Learner) -> float:
-    """Mean standard deviation of the policy's actions, where it has a state-independent one."""
+    """Mean standard deviation of the policy's actions; NaN if it depends on the state."""
     if isinstance(model, GuidedPolicySearch):
         return model.controller.std()
     log_std = getattr(model.policy, "log_std", None)
@@ -140,5 +139,5 @@ def action_std(model: Learner) -> float:
 
 
 def curve_arrays(curve: Curve) -> dict[str, np.ndarray]:
-    """A curve as datasets under `curve/`."""
+    """The datasets of a curve, with names under `curve/`."""
     return {f"curve/{name}": np.asarray(values, np.float64) for name, values in curve.items()}

@@ -1,4 +1,4 @@
-"""A learned policy without its learner: what expert and policy artifacts hold."""
+"""Learned policies without their learners, as stored in expert and policy artifacts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def policy_weights(model: Learner) -> dict[str, np.ndarray]:
-    """The weights of a learner's policy, named as in its state dict, under `weights/`; of GPS, its controller's."""
+    """Weights of a learner's policy under `weights/`, named as in its state dict; for GPS, the controller's arrays."""
     if isinstance(model, GuidedPolicySearch):
         return {f"weights/{name}": values for name, values in model.own.arrays().items()}
     return {f"weights/{name}": value for name, value in to_tree(model.policy.state_dict()).items()}
@@ -37,17 +37,17 @@ class Policy:
 
     @classmethod
     def of(cls, model: Learner) -> Policy:
-        """The policy that a learner has now (shared, not copied)."""
+        """The current policy of a learner (shared, not copied)."""
         if isinstance(model, GuidedPolicySearch):
             return ControllerPolicy(model.own)
         return cls(model.policy)
 
     @classmethod
     def load(cls, artifact: Artifact) -> Policy:
-        """The policy that an expert or policy artifact holds.
+        """Load the policy from an expert or policy artifact.
 
         Raises:
-            ArtifactError: The weights do not fit the network that the artifact's configuration describes.
+            ArtifactError: The weights do not fit the network described by the artifact's configuration.
         """
         config = artifact.config
         if config["learner"] == "gps":
@@ -65,12 +65,12 @@ class Policy:
         except RuntimeError as error:
             reason = " ".join(str(error).split())
             raise ArtifactError(
-                f"{artifact.path}: the weights do not fit the network it describes ({reason})"
+                f"{artifact.path}: the weights do not fit the network in its configuration ({reason})"
             ) from error
         return cls(network)
 
     def act(self, observation: np.ndarray, noise: torch.Generator | None = None) -> np.ndarray:
-        """Actions (n, nu) for observations (n, D): the mean action, or a sample drawn with `noise`."""
+        """Actions (n, nu) for observations (n, D): mean actions, or samples drawn with `noise`."""
         with torch.no_grad():
             if noise is None:
                 return self._network.predict(observation, deterministic=True)[0]
@@ -80,33 +80,34 @@ class Policy:
 
 
 class ControllerPolicy(Policy):
-    """A time-varying linear-Gaussian controller as a policy: the clock, last in an observation, tells its time step."""
+    """A time-varying linear-Gaussian controller as a policy; it reads the time step from the last observation entry."""
 
     def __init__(self, controller: LinearGaussianController):
         self._controller = controller
 
     @classmethod
     def load(cls, artifact: Artifact) -> ControllerPolicy:
-        """The controller that a policy artifact of GPS holds.
+        """Load the controller from a policy artifact of GPS.
 
         Raises:
-            ArtifactError: Its arrays are not those of one controller, or not of the configuration's sizes.
+            ArtifactError: The arrays do not form a valid controller, or do not have the configuration's sizes.
         """
         config = artifact.config
         weights = {name.removeprefix("weights/"): values for name, values in artifact.group("weights").items()}
         try:
             controller = LinearGaussianController.from_arrays(weights)
         except (KeyError, ValueError) as error:  # LinAlgError is a ValueError.
-            raise ArtifactError(f"{artifact.path}: its weights are no controller ({error})") from error
+            raise ArtifactError(f"{artifact.path}: its weights do not form a valid controller ({error})") from error
         sizes = (config["action_size"], config["observation_size"] - 1)
         if controller.gains.shape[1:] != sizes:
             raise ArtifactError(
-                f"{artifact.path}: gains of {controller.gains.shape[1:]}, expected {sizes}, actions by observations"
+                f"{artifact.path}: gains have shape {controller.gains.shape[1:]}, expected {sizes} (action size, "
+                "observation size - 1)"
             )
         return cls(controller)
 
     def act(self, observation: np.ndarray, noise: torch.Generator | None = None) -> np.ndarray:
-        """Actions (n, nu) in [-1, 1] for observations (n, D), all at one time: the mean, or drawn with `noise`."""
+        """Actions (n, nu) in [-1, 1] for observations (n, D) at the same time step: means, or drawn with `noise`."""
         steps = self._controller.steps
         step = min(round(float(observation[0, -1]) * steps), steps - 1)
         own = observation[:, :-1].astype(np.float64)
@@ -118,7 +119,7 @@ class ControllerPolicy(Policy):
 
 
 def policy_video(task: Task, policy: Policy, contexts: Contexts, pool: RenderPool) -> np.ndarray:
-    """One deterministic episode from the context's own initial state, as video (T, H, W, 3)."""
+    """Video (T, H, W, 3) of one deterministic episode from the initial state of the context."""
     from stages.simulation.batch import rollout
 
     episode = rollout(

@@ -1,4 +1,4 @@
-"""What a reward is to a learner."""
+"""The reward interface that learners use."""
 
 from __future__ import annotations
 
@@ -11,44 +11,44 @@ from stages.simulation.task import State
 
 
 class Reward(Protocol):
-    """A reward for n simulations that step together."""
+    """A reward for n simulations that run in lockstep."""
 
     def __call__(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
-        """Reward (n,) of the action (n, nu) that led to `state`, the state after `step` control steps (1, 2, ...)."""
+        """Reward (n,) of the actions (n, nu) that led to `state`, the state after `step` control steps (1, 2, ...)."""
         ...
 
     def terms(self) -> dict[str, float]:
-        """Mean return an episode of each of the reward's terms since the last call; forgets them."""
+        """Mean return per episode of each term of the reward since the last call; resets the means."""
         ...
 
     def iterate(self) -> None:
-        """End an iteration of the learner: a reward that learns from rollouts changes here, and only here."""
+        """End an iteration of the learner. A reward that learns from rollouts changes here, and only here."""
         ...
 
     def state(self) -> dict[str, Any]:
-        """What has changed since the reward was made, as a tree of arrays and numbers (for checkpoints)."""
+        """All state that has changed since construction, as a tree of arrays and numbers (for checkpoints)."""
         ...
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Put `state` back."""
+        """Restore a state returned by `state`."""
         ...
 
     def close(self) -> None:
-        """Free what the reward holds (render processes, networks)."""
+        """Free the resources of the reward (render processes, networks)."""
         ...
 
 
 @runtime_checkable
 class TrackingReward(Reward, Protocol):
-    """A reward that is a squared distance in what it sees, as a trajectory-centric learner needs it.
+    """A reward that is a negative squared distance to a target, as trajectory-centric learners require.
 
-    Its cost after t control steps is 1/2 w_t |z_t - z*_t|^2.
+    The cost after t control steps is 1/2 w_t |z_t - z*_t|^2, where z_t are the tracked values.
 
     Attributes:
-        targets: z*_t (control steps + 1, m).
-        cost_weights: w_t (control steps + 1,).
-        finer: What to track in its place once that is nearly reached; None: nothing else.
-        frame_period: Control steps between two frames that the reward sees; None: it sees every state.
+        targets: Targets z*_t (control steps + 1, m).
+        cost_weights: Weights w_t (control steps + 1,).
+        finer: Reward to continue with once the target is nearly reached; None: keep this one.
+        frame_period: Control steps between two frames that the reward observes; None: it observes every state.
     """
 
     targets: np.ndarray
@@ -57,5 +57,8 @@ class TrackingReward(Reward, Protocol):
     frame_period: int | None
 
     def tracked(self, step: int, state: State, contexts: Contexts) -> np.ndarray:
-        """z_t (n, m) of `state`, the state after `step` control steps; behind step 0 the reward was called before."""
+        """Tracked values z_t (n, m) of `state`, the state after `step` control steps.
+
+        For steps after 0, the reward must have been called with the same state before.
+        """
         ...

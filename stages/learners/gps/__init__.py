@@ -1,1 +1,1 @@
-"""Guided policy search's trajectory-centric learner (Levine and Abbeel 2014; Levine et al. 2016), one context."""
+"""The trajectory-centric learner of guided policy search (Levine and Abbeel 2014; Levine et al. 2016), one context."""

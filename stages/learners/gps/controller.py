@@ -9,12 +9,12 @@ import numpy as np
 
 @dataclass(frozen=True)
 class LinearGaussianController:
-    """A controller of T control steps.
+    """A time-varying linear-Gaussian controller for T control steps.
 
     Attributes:
-        gains: K_t (T, du, dx).
-        offsets: k_t (T, du).
-        covariances: C_t (T, du, du).
+        gains: Feedback gains K_t (T, du, dx).
+        offsets: Offsets k_t (T, du).
+        covariances: Covariances C_t (T, du, du) of the actions.
     """
 
     gains: np.ndarray
@@ -23,7 +23,7 @@ class LinearGaussianController:
 
     @classmethod
     def constant(cls, steps: int, state_size: int, action_size: int, std: float) -> LinearGaussianController:
-        """A controller that knows nothing: actions about zero of standard deviation `std`, whatever the state."""
+        """A controller that ignores the state: actions have mean zero and standard deviation `std`."""
         covariance = std**2 * np.eye(action_size)
         return cls(
             np.zeros((steps, action_size, state_size)),
@@ -33,50 +33,51 @@ class LinearGaussianController:
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, np.ndarray]) -> LinearGaussianController:
-        """The controller that `arrays` made.
+        """The controller whose method `arrays` returned the given arrays.
 
         Raises:
             KeyError: An array is missing.
-            ValueError: They do not fit each other, or a covariance is none.
+            ValueError: The shapes do not match, a value is not finite, or a covariance is not symmetric and positive
+                definite.
         """
         made = cls(*(np.asarray(arrays[name], np.float64) for name in ("gains", "offsets", "covariances")))
         steps, action_size = made.offsets.shape
         if made.gains.shape[:2] != (steps, action_size) or made.covariances.shape != (steps, action_size, action_size):
-            raise ValueError(f"gains {made.gains.shape}, offsets {made.offsets.shape}: not of one controller")
+            raise ValueError(f"gains {made.gains.shape} and offsets {made.offsets.shape} do not match")
         if not steps:
-            raise ValueError("no control step")
+            raise ValueError("it has no control steps")
         if not all(np.isfinite(array).all() for array in made.arrays().values()):
-            raise ValueError("not all of its numbers are finite")
+            raise ValueError("some values are not finite")
         if not np.allclose(made.covariances, made.covariances.swapaxes(1, 2)):
             raise ValueError("a covariance is not symmetric")
         np.linalg.cholesky(made.covariances)
         return made
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """What artifacts and checkpoints hold."""
+        """The arrays stored in artifacts and checkpoints."""
         return {"gains": self.gains, "offsets": self.offsets, "covariances": self.covariances}
 
     @property
     def steps(self) -> int:
-        """T."""
+        """Number of control steps, T."""
         return len(self.offsets)
 
     def act(self, step: int, states: np.ndarray) -> np.ndarray:
-        """Mean actions (n, du) at control step `step` in states (n, dx)."""
+        """Mean actions (n, du) in states (n, dx) at control step `step`."""
         return states @ self.gains[step].T + self.offsets[step]
 
     def sample(self, step: int, states: np.ndarray, noise: np.ndarray) -> np.ndarray:
-        """Actions (n, du) at control step `step` in states (n, dx), of standard normal noise (n, du)."""
+        """Actions (n, du) in states (n, dx) at control step `step`, sampled with standard normal noise (n, du)."""
         return self.act(step, states) + noise @ np.linalg.cholesky(self.covariances[step]).T
 
     def widened(self, least: float) -> LinearGaussianController:
-        """The controller with a standard deviation of at least `least` in every direction of the actions."""
+        """The controller with a standard deviation of at least `least` in every direction of the action space."""
         variances, directions = np.linalg.eigh(self.covariances)
         scaled = directions * np.maximum(variances, least**2)[:, None]
         return replace(self, covariances=scaled @ directions.swapaxes(1, 2))
 
     def lifted(self, state_size: int) -> LinearGaussianController:
-        """The controller of states with more entries behind its own, which it does not heed."""
+        """The controller for states of `state_size` entries; it ignores the entries that are appended."""
         more = state_size - self.gains.shape[2]
         return replace(self, gains=np.pad(self.gains, ((0, 0), (0, 0), (0, more))))
 

@@ -1,13 +1,15 @@
-"""Time-varying linear-Gaussian dynamics, fitted to rollouts by regression with a mixture of Gaussians as prior.
+"""Time-varying linear-Gaussian dynamics, fitted to rollouts by regression with a Gaussian mixture as prior.
 
-x_{t+1} ~ N(F_t [x_t; u_t] + f_t, S_t). Ten rollouts say too little about some dozen dimensions at one time step; but
-what the robot does at one time resembles what it does at others. So a mixture over (x, u, x') of all time steps and of
-the last iterations gives each time step a normal-inverse-Wishart prior (Levine et al. 2016, Sec. 5.3 and appendix A.3).
+x_{t+1} ~ N(F_t [x_t; u_t] + f_t, S_t). Ten rollouts are too few to fit a dozen or more dimensions at each time step,
+but the dynamics at different time steps are similar. Therefore a mixture over (x, u, x') from all time steps and the
+last iterations provides a normal-inverse-Wishart prior for each time step (Levine et al. 2016, Sec. 5.3 and appendix
+A.3).
 
-That is not enough where images are in the state: dynamics so fitted foretell the next iteration's frames worse than "as
-they were in this one" does, for slopes are steep where hardly anything varied. There the rollouts' spread a few time
-steps before and after counts as well, and slopes are shrunk towards "nothing changes". Where the state is some few
-numbers, such as where a can is, that blurs when it is touched, and does harm (results/LOG.md).
+This is not sufficient if the state contains image features. The fitted dynamics then predict the next iteration's
+frames worse than a copy of the current ones does, because slopes are steep in directions with little variation. In this
+case the scatter at neighboring time steps is used as well, and slopes are shrunk towards "no change". If the state has
+only a few entries, for example the position of a can, this smoothing blurs the time of contact and makes results worse
+(results/LOG.md).
 """
 
 from __future__ import annotations
@@ -20,22 +22,22 @@ import numpy as np
 from stages.learners.gps.gmm import Mixture, fit_mixture
 
 MOST_CLUSTERS = 20
-POINTS_A_CLUSTER = 40  # at least, on average
-STRENGTH = 1.0  # rollouts that the prior counts as
-NEIGHBOURS, NEARNESS = 2, 0.7  # time steps to either side that count, and how much one counts beside the one before
-RIDGE = 0.1  # of a regressor's variance, added to it
-RECALL = 0.6  # how much an iteration's rollouts count beside those of the one after it
-JITTER = 1e-6  # of the pooled variance, added to every variance
+POINTS_A_CLUSTER = 40  # minimum mean number of points per cluster
+STRENGTH = 1.0  # weight of the prior, as a number of rollouts
+NEIGHBOURS, NEARNESS = 2, 0.7  # number of neighboring time steps used on each side, and decay of weight per neighbor
+RIDGE = 0.1  # share of each regressor's variance that is added to it
+RECALL = 0.6  # decay of the weight of rollouts per iteration of age
+JITTER = 1e-6  # share of the pooled variance that is added to every variance
 
 
 @dataclass(frozen=True)
 class Dynamics:
-    """Linear-Gaussian dynamics of T time steps.
+    """Linear-Gaussian dynamics for T time steps.
 
     Attributes:
-        transition: F_t (T, dx, dx + du).
-        offset: f_t (T, dx).
-        noise: S_t (T, dx, dx).
+        transition: Transition matrices F_t (T, dx, dx + du).
+        offset: Offsets f_t (T, dx).
+        noise: Noise covariances S_t (T, dx, dx).
     """
 
     transition: np.ndarray
@@ -44,12 +46,12 @@ class Dynamics:
 
 
 def transitions(states: np.ndarray, actions: np.ndarray) -> np.ndarray:
-    """Points (x, u, x') (N, T, 2 dx + du) of rollouts: states (N, T + 1, dx), actions (N, T, du)."""
+    """Points (x, u, x') (N, T, 2 dx + du) of rollouts with states (N, T + 1, dx) and actions (N, T, du)."""
     return np.concatenate([states[:, :-1], actions, states[:, 1:]], axis=2)
 
 
 def fit_prior(points: np.ndarray, rng: np.random.Generator, start: Mixture | None = None) -> Mixture:
-    """The mixture over all transitions (N, T, 2 dx + du), going on from that of the iteration before."""
+    """Fit the mixture over all transitions (N, T, 2 dx + du), starting from that of the previous iteration."""
     flat = points.reshape(-1, points.shape[2])
     clusters = int(np.clip(len(flat) // POINTS_A_CLUSTER, 1, MOST_CLUSTERS))
     return fit_mixture(flat, clusters, rng, start)[0]
@@ -62,27 +64,28 @@ def fit_dynamics(
     period: int | None = None,
     earlier: Sequence[np.ndarray] = (),
 ) -> Dynamics:
-    """Fit the dynamics of each time step to N rollouts.
+    """Fit the dynamics at each time step to N rollouts.
 
     Args:
-        states: (N, T + 1, dx).
-        actions: (N, T, du).
+        states: States (N, T + 1, dx).
+        actions: Actions (N, T, du).
         prior: Mixture over (x, u, x'); None: regression without a prior.
-        period: Control steps from one frame to the next, of states with images: neighbours in time, at the same place
-            between two frames, count as well, and slopes of x_{t+1} - x_t are shrunk.
-        earlier: Transitions (M, T, 2 dx + du) of earlier iterations' rollouts, the newest iteration first.
+        period: Control steps per frame if the state contains image features: time steps that are up to two frames
+            earlier or later, at the same phase between two frames, are used as well, and slopes of x_{t+1} - x_t are
+            shrunk. None: the state has no image features.
+        earlier: Transitions (M, T, 2 dx + du) of the rollouts of earlier iterations, newest first.
     """
     points = transitions(states, actions)
     count, steps, both = points.shape
     size = states.shape[2]
-    given = both - size  # dimensions of (x, u)
+    given = both - size  # number of dimensions of (x, u)
     jitter = np.diag(JITTER * (points.reshape(-1, both).var(axis=0) + 1e-6))
     means = points.mean(axis=0)
     scatters, counts = np.zeros((steps, both, both)), np.zeros(steps)
     spread = points.var(axis=0) + np.diag(jitter)
     for age, recalled in enumerate((points, *earlier)):
         apart = (recalled - means).swapaxes(0, 1)
-        far = (np.square(apart).mean(axis=1) / spread).mean(axis=1)  # how far, over the present rollouts' spread
+        far = (np.square(apart).mean(axis=1) / spread).mean(axis=1)  # in units of their variance
         weight = RECALL**age * np.minimum(1 / far, 1)
         scatters += weight[:, None, None] * (apart.swapaxes(1, 2) @ apart)
         counts += weight * len(recalled)
@@ -114,7 +117,7 @@ def fit_dynamics(
 
 
 def neighbours(steps: int, period: int) -> np.ndarray:
-    """How much each time step (row) takes the rollouts' spread at every other (column) for its own (T, T)."""
+    """Weights (T, T) with which each time step (row) uses the scatter of rollouts at each time step (column)."""
     apart = np.abs(np.subtract.outer(np.arange(steps), np.arange(steps)))
     near = (apart % period == 0) & (apart <= period * NEIGHBOURS)
     return np.where(near, NEARNESS ** (apart / period), 0.0)

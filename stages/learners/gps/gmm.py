@@ -1,9 +1,10 @@
-"""A mixture of Gaussians with full covariances, fitted by expectation maximisation, that can continue an older fit.
+"""A Gaussian mixture with full covariances, fitted by expectation maximization, that can continue an earlier fit.
 
-scikit-learn's GaussianMixture can continue an older fit as well (weights_init, means_init, precisions_init). It is not
-used because it is not a dependency (only the extra `align` brings it), and because its only regularisation, reg_covar,
-adds one constant to the variance of every dimension. The points here mix radians, metres, torques and image features:
-the prior below is in proportion to the variance of each dimension, and weighs less in clusters of more points.
+scikit-learn's GaussianMixture can also continue an earlier fit (weights_init, means_init, precisions_init). It is not
+used for two reasons. It is not a dependency (only the extra `align` installs it), and its only regularization,
+reg_covar, adds the same constant to the variance of every dimension. The points here mix radians, meters, torques and
+image features, so the prior below is proportional to the variance of each dimension. The prior's influence decreases
+with the number of points in a cluster.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
-SHRINKAGE = 1e-5  # of the points' pooled variance: what the prior on covariances adds up to in a cluster of one point
-STEPS = 30  # of EM at most
-TOLERANCE = 1e-4  # a gain of the objective a point below which EM stops
+SHRINKAGE = 1e-5  # scale of the covariance prior, as a share of the pooled variance of all points
+STEPS = 30  # maximum number of EM steps
+TOLERANCE = 1e-4  # EM stops when the gain of the objective per point is below this
 
 
 @dataclass(frozen=True)
@@ -24,9 +25,9 @@ class Mixture:
     """A mixture of K Gaussians in D dimensions.
 
     Attributes:
-        weights: Of the clusters (K,), summing to one.
-        means: (K, D).
-        covariances: (K, D, D).
+        weights: Weights (K,) of the clusters; they sum to one.
+        means: Means (K, D).
+        covariances: Covariances (K, D, D).
     """
 
     weights: np.ndarray
@@ -34,7 +35,7 @@ class Mixture:
     covariances: np.ndarray
 
     def log_joint(self, points: np.ndarray) -> np.ndarray:
-        """log p(cluster, point), (N, K), of points (N, D)."""
+        """Log joint densities log p(cluster, point) (N, K) of points (N, D)."""
         size = points.shape[1]
         out = np.empty((len(points), len(self.weights)))
         for k, (mean, covariance) in enumerate(zip(self.means, self.covariances, strict=True)):
@@ -45,16 +46,16 @@ class Mixture:
         return out + np.log(np.maximum(self.weights, 1e-300))
 
     def responsibilities(self, points: np.ndarray) -> np.ndarray:
-        """p(cluster | point), (N, K), of points (N, D)."""
+        """Responsibilities p(cluster | point) (N, K) of points (N, D)."""
         joint = self.log_joint(points)
         return np.exp(joint - logsumexp(joint, axis=1, keepdims=True))
 
     def log_likelihood(self, points: np.ndarray) -> float:
-        """Of points (N, D), summed."""
+        """Total log-likelihood of points (N, D)."""
         return float(logsumexp(self.log_joint(points), axis=1).sum())
 
     def moments(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean (D,) and covariance (D, D) of the clusters that points (N, D) belong to, weighted by how many do."""
+        """Mean (D,) and covariance (D, D) of the mixture, with clusters weighted by their share of points (N, D)."""
         shares = self.responsibilities(points).mean(axis=0)
         mean = shares @ self.means
         apart = self.means - mean
@@ -67,17 +68,18 @@ def fit_mixture(
 ) -> tuple[Mixture, list[float]]:
     """Fit a mixture to points (N, D).
 
-    Covariances have an inverse-Wishart prior whose scale is a little of the points' own variances, so that a dimension
-    which never varies leaves none singular; what EM raises is the log-likelihood plus the log of that prior.
+    Covariances have an inverse-Wishart prior whose scale is a small share of the variances of the points. It keeps the
+    covariances regular if a dimension never varies. EM maximizes the log-likelihood plus the log of this prior.
 
     Args:
-        points: (N, D).
-        clusters: K, of a fit from scratch: each point starts in the cluster of the nearest of K random points.
-        rng: Draws those.
-        start: An older fit to go on from, if it has K clusters.
+        points: Points (N, D).
+        clusters: Number of clusters, K. In a fit from scratch, each point starts in the cluster of the nearest of K
+            randomly drawn points.
+        rng: Generator for drawing these K points.
+        start: Earlier fit to continue from; ignored unless it has K clusters.
 
     Returns:
-        The mixture, and the objective before each step of EM.
+        The mixture and the objective before each EM step.
     """
     scale = np.diag(SHRINKAGE * (points.var(axis=0) + 1e-10))
     if start is not None and len(start.weights) == clusters:
@@ -97,8 +99,8 @@ def fit_mixture(
 
 
 def _nearest(points: np.ndarray, clusters: int, rng: np.random.Generator) -> np.ndarray:
-    """Responsibilities (N, K): each point belongs to the nearest, in standard deviations, of K of them."""
-    # Centred: the squares below would otherwise drown in rounding where a dimension is constant and not zero.
+    """Responsibilities (N, K) that assign each point to the nearest of K random points, in standard deviations."""
+    # Center the points: for a constant nonzero dimension, rounding errors would otherwise dominate the squares below.
     scaled = (points - points.mean(axis=0)) / (points.std(axis=0) + 1e-8)
     centres = scaled[rng.choice(len(points), clusters, replace=False)]
     squares = np.square(scaled).sum(axis=1)[:, None] - 2 * scaled @ centres.T + np.square(centres).sum(axis=1)
@@ -106,7 +108,7 @@ def _nearest(points: np.ndarray, clusters: int, rng: np.random.Generator) -> np.
 
 
 def _maximise(points: np.ndarray, shares: np.ndarray, scale: np.ndarray) -> Mixture:
-    """The M step: the mixture that points (N, D) with responsibilities (N, K) make likeliest."""
+    """M step: the mixture that maximizes the objective for points (N, D) with responsibilities (N, K)."""
     counts = shares.sum(axis=0)
     counted = np.maximum(counts, 1e-6)
     means = (shares.T @ points) / counted[:, None]

@@ -1,8 +1,9 @@
-"""One iteration of guided policy search's trajectory-centric learner: from rollouts to the next controller.
+"""One iteration of the trajectory-centric learner of guided policy search: from rollouts to the next controller.
 
-Fit the dynamics around the rollouts, then minimise the expected cost under a bound on the KL divergence from the
-controller that made them, by LQR on a Lagrangian whose dual variable bisection finds (Levine and Abbeel 2014, Sec. 3;
-Levine et al. 2016, Sec. 4.1). How far the next iteration may go follows from how well this one's gain was foretold.
+The iteration fits dynamics around the rollouts. Then it minimizes the expected cost subject to a bound on the KL
+divergence from the controller that produced the rollouts: LQR solves the Lagrangian, and bisection finds the dual
+variable (Levine and Abbeel 2014, Sec. 3; Levine et al. 2016, Sec. 4.1). The step size of the next iteration depends on
+how well the gain of this iteration was predicted.
 """
 
 from __future__ import annotations
@@ -17,27 +18,27 @@ from stages.learners.gps.dynamics import Dynamics, fit_dynamics, fit_prior, tran
 from stages.learners.gps.gmm import Mixture
 from stages.learners.gps.lqr import Marginals, QuadraticCost, backward, divergence, forward
 
-REMEMBERED = 60  # rollouts at most that the prior of the dynamics is fitted to
-TOLERANCE = 0.05  # of the bound: how near the KL divergence comes to it
+REMEMBERED = 60  # maximum number of rollouts that the prior of the dynamics is fitted to
+TOLERANCE = 0.05  # relative tolerance with which the KL divergence meets the bound
 BISECTIONS = 60
 LEAST_ETA, MOST_ETA = 1e-10, 1e14
-STEP_CHANGE = (0.1, 5.0)  # what the step is multiplied by from one iteration to the next, at least and at most
-STEP_RANGE = (0.05, 10.0)  # the step over the one that the user asked for
-LEAST_VARIANCE = 1e-8  # of an initial state, in its own units
+STEP_CHANGE = (0.1, 5.0)  # minimum and maximum change of the step size per iteration, as factors
+STEP_RANGE = (0.05, 10.0)  # minimum and maximum step size, relative to the bound set by the user
+LEAST_VARIANCE = 1e-8  # minimum variance of the initial state, in squared units of the state
 
 
 @dataclass(frozen=True)
 class Improvement:
-    """What an iteration found.
+    """Result of an iteration.
 
     Attributes:
         controller: The next controller.
-        marginals: What the fitted dynamics foretell of it.
-        divergence: KL from the old controller, of a whole rollout, nats.
-        bound: What it may be at most.
-        eta: The dual variable.
-        binding: Whether the bound is what stopped it.
-        seen: Of the old controller: the means of its rollouts, around which the spread is what the dynamics say.
+        marginals: Marginals of the next controller under the fitted dynamics.
+        divergence: KL divergence from the old controller over a whole rollout, in nats.
+        bound: Bound on the divergence, in nats.
+        eta: Dual variable.
+        binding: Whether the bound is active.
+        seen: Marginals of the old controller: means of its rollouts, covariances under the fitted dynamics.
     """
 
     controller: LinearGaussianController
@@ -51,15 +52,15 @@ class Improvement:
 
 @dataclass(frozen=True)
 class Search:
-    """Where the search stands: all that decides how it goes on.
+    """Complete state of a search.
 
     Attributes:
-        controller: What makes the next rollouts.
-        step: Bound on the KL divergence a control step, over the one asked for.
-        states: Of remembered rollouts (N, T + 1, dx), the newest last.
-        actions: Theirs (N, T, du).
-        mixture: The prior of the dynamics.
-        foretold: Expected cost before the last update, and what that update was to make of it; None: there was none.
+        controller: Controller for the next rollouts.
+        step: Bound on the KL divergence per control step, relative to the bound set by the user.
+        states: States (N, T + 1, dx) of remembered rollouts, newest last.
+        actions: Actions (N, T, du) of remembered rollouts.
+        mixture: Prior of the dynamics; None before the first iteration.
+        foretold: Expected cost before the last update and predicted cost after it; None before the first update.
     """
 
     controller: LinearGaussianController
@@ -80,17 +81,20 @@ def iterate(
     least_std: float = 0.0,
     period: int | None = None,
 ) -> tuple[Search, Improvement]:
-    """Learn from rollouts of `search.controller`.
+    """Update the controller from rollouts of `search.controller`.
 
     Args:
-        search: Where the search stands.
-        states: (N, T + 1, dx).
-        actions: (N, T, du), before they are clipped: the dynamics know of the motors' limits.
-        cost: What is minimised.
-        kl: Bound on the KL divergence of an update, a control step, nats; adapted on the way.
-        rng: Starts the mixture.
-        least_std: Of the next controller's actions, whatever the update makes of it.
-        period: Control steps from one frame to the next, of states with images.
+        search: State of the search.
+        states: States (N, T + 1, dx).
+        actions: Actions (N, T, du) before clipping, so that the fitted dynamics include the limits of the motors.
+        cost: Cost to minimize.
+        kl: Bound on the KL divergence of an update per control step, in nats; scaled by the adaptive step size.
+        rng: Generator for initializing the mixture.
+        least_std: Minimum standard deviation of the next controller's actions.
+        period: Control steps per frame if the state contains image features, else None.
+
+    Returns:
+        The next state of the search and the result of the iteration.
     """
     earlier: list[np.ndarray] = []
     if len(search.states):
@@ -124,10 +128,10 @@ def iterate(
 
 
 def step_change(before: float, foretold: float, actual: float) -> float:
-    """What to multiply the step by, from the cost before an update, the cost foretold of it, and the actual one.
+    """Factor for the step size, from the cost before an update, the predicted cost and the actual cost after it.
 
-    Where the gain falls short of the foretold one by what the step's curvature costs, half of that quotient is the step
-    that gains most (Levine et al. 2016, appendix A.2).
+    If the actual gain is below the predicted gain by an error that is quadratic in the step size, the factor is half
+    the ratio of predicted gain to shortfall, which maximizes the gain (Levine et al. 2016, appendix A.2).
     """
     promised, gained = before - foretold, before - actual
     short = max(promised - gained, 1e-4 * abs(promised), 1e-12)
@@ -143,18 +147,20 @@ def improve(
     bound: float,
     least_std: float = 0.0,
 ) -> Improvement:
-    """Minimise the expected cost with KL(new || old) of a rollout at most `bound`, nats.
+    """Minimize the expected cost subject to KL(new || old) <= `bound` over a rollout.
 
-    The divergence falls as the dual variable rises; where even the least leaves it below the bound, that is the answer.
+    The divergence decreases as the dual variable increases. If the divergence is below the bound even for the smallest
+    dual variable, that solution is returned.
 
     Args:
-        dynamics: The fitted dynamics.
-        cost: What is minimised.
-        old: The controller to stay near.
-        mean: Of the initial state (dx,).
-        covariance: Of the initial state (dx, dx).
-        bound: On the divergence.
-        least_std: Of the new controller's actions, in every direction; the divergence counts it.
+        dynamics: Fitted dynamics.
+        cost: Cost to minimize.
+        old: Controller that produced the rollouts.
+        mean: Mean of the initial state (dx,).
+        covariance: Covariance of the initial state (dx, dx).
+        bound: Bound on the divergence, in nats.
+        least_std: Minimum standard deviation of the new controller's actions in every direction; the divergence
+            includes its effect.
     """
 
     def attempt(eta: float) -> Improvement:
@@ -170,17 +176,17 @@ def improve(
 
 
 def _bisect(attempt: Callable[[float], Improvement], bound: float) -> Improvement:
-    """The attempt whose divergence meets `bound` from below, within the tolerance."""
+    """The attempt whose divergence is at most `bound` and equal to it within the tolerance, if there is one."""
     low, high = np.log(LEAST_ETA), np.log(MOST_ETA)
     best: Improvement | None = None
     for _ in range(BISECTIONS):
         middle = (low + high) / 2
         try:
             found = attempt(float(np.exp(middle)))
-        except (np.linalg.LinAlgError, ValueError):  # So small an eta that the Hessian is not positive in floats.
+        except (np.linalg.LinAlgError, ValueError):  # Eta is so small that the Hessian is numerically indefinite.
             low = middle
             continue
-        if not found.divergence <= bound:  # NaN, too
+        if not found.divergence <= bound:  # also true for NaN
             low = middle
             continue
         high, best = middle, found

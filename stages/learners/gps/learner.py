@@ -1,14 +1,15 @@
-"""Guided policy search as a learner beside those of Stable-Baselines3: rollouts, updates, and what is kept of them.
+"""Guided policy search as a learner with the interface of Stable-Baselines3: rollouts, updates and the final policy.
 
-The controller acts on the state x that the paper gives it (Sec. V.B): the robot's own observation without the clock,
-and what the reward tracks, such as image features. What is learned in the end is to run where nothing is tracked: so
-beside it stands the best approximation, on the robot's own observation alone, of the controller that made the last
-rollouts: the conditional distribution of its actions given that observation, around the rollouts' means, with the
-spread in closed form under the fitted dynamics. That one is what a policy artifact holds and what is evaluated; the
-curve shows rollouts of the controller itself. The update behind the last rollouts would be one that nobody has tried.
+As in the paper (Sec. V.B), the controller acts on a state x that consists of the robot's own observation without the
+clock and the values that the reward tracks, for example image features. The learned policy must run without these
+tracked values. Therefore the learner also computes an approximation of the controller that uses only the robot's own
+observation: the conditional distribution of the actions given this observation, around the means of the rollouts, with
+covariances in closed form under the fitted dynamics. Policy artifacts contain this approximation, and `evaluate` runs
+it. The learning curve shows rollouts of the controller itself. The approximation is of the controller that produced the
+last rollouts, because the update after them is untested.
 
-A search is a local one: what its first rollouts happen upon decides where it ends. Several may begin apart, then, take
-turns, and the cheapest goes on alone.
+The search is local: its result depends on its first rollouts. Several independent searches can therefore run in turn;
+after half the iterations, only the one with the lowest cost continues.
 """
 
 from __future__ import annotations
@@ -30,28 +31,28 @@ from stages.learners.reward import TrackingReward
 from stages.runtime.seeding import generator
 from stages.simulation.task import State, Task
 
-MOST_STEPS = 200  # control steps an episode: over many more, errors of the dynamics add up to nonsense
-# R of a cost of actions 1/2 R |u|^2, over what standing still costs a control step, of the target tracked first.
-# Linear dynamics know of no limits to the motors: where actions cost little, updates ask for a hundred times what there
-# is, and learn little from it.
+MOST_STEPS = 200  # maximum control steps per episode: over longer episodes, errors of the dynamics accumulate
+# R of the action cost 1/2 R |u|^2, relative to the cost per control step of standing still with the first target.
+# Linear dynamics do not model the limits of the motors. If actions cost too little, updates ask for a hundred times the
+# available torque, and rollouts are uninformative.
 ACTION_COST = 0.2
-# Log of the least standard deviation of actions, if the first one is not less, falling to none in the last iteration:
-# an update that sees no way to move an object leaves hardly any noise, and then none is found; and the bound on the KL
-# divergence lets a controller move little farther than its noise goes.
+# Log of the minimum standard deviation of actions, if the initial one is not lower; the minimum falls linearly to zero
+# in the last iteration. Without it, an update that finds no way to move an object removes nearly all noise, and then
+# later rollouts find none either. Also, the bound on the KL divergence limits changes to about the scale of the noise.
 EXPLORATION = -1.2
-REFINED = 1 / 3  # of the iterations, after which what is finer is tracked, once one search is left
-APART = 1 / 2  # of the iterations, at most, in which several searches take turns
+REFINED = 1 / 3  # share of the iterations after which the finer target is tracked, once only one search is left
+APART = 1 / 2  # maximum share of the iterations in which several searches run in turn
 
 
 @dataclass(frozen=True)
 class Start:
-    """One search, and what it has come to.
+    """One search and its latest results.
 
     Attributes:
-        search: Where it stands.
-        own: The controller on the robot's own observation, of its last rollouts.
-        next: That of its next ones, as far as they can be foretold.
-        cost: Mean of its last rollouts'; infinite before the first.
+        search: State of the search.
+        own: Controller on the robot's own observation that approximates the controller of the last rollouts.
+        next: Controller on the robot's own observation that approximates the next controller, by predicted marginals.
+        cost: Mean cost of the last rollouts; infinite before the first.
     """
 
     search: Search
@@ -60,7 +61,7 @@ class Start:
     cost: float = math.inf
 
     def state(self) -> dict[str, Any]:
-        """All of it, as a tree of arrays and numbers."""
+        """The search and its results as a tree of arrays and numbers."""
         search = self.search
         return {
             "controller": search.controller.arrays(),
@@ -76,7 +77,7 @@ class Start:
 
     @classmethod
     def of(cls, state: dict[str, Any]) -> Start:
-        """What `state` describes."""
+        """The search and results described by `state`."""
         search = Search(
             controller=LinearGaussianController(**state["controller"]),
             step=state["step"],
@@ -93,31 +94,30 @@ class GuidedPolicySearch:
     """Learns a time-varying linear-Gaussian controller in one context.
 
     Attributes:
-        env: Where rollouts are made; all of its simulations share one context.
-        num_timesteps: Control steps taken so far, of all simulations.
-        last: What the last iteration found; None before the first.
+        env: Environment for rollouts; all of its simulations have the same context.
+        num_timesteps: Total number of control steps so far, over all simulations.
+        last: Result of the last iteration; None before the first.
     """
 
     def __init__(self, config: LearnerConfig, env: EpisodeEnv, seed: int):
-        """Start from actions about zero.
+        """Start with random actions of mean zero.
 
         Raises:
-            UsageError: The reward tracks nothing, the observation has no clock, episodes are too long, or the bound is
-                zero.
+            UsageError: The reward tracks no target, the observation has no clock, episodes are too long, or the bound
+                on the KL divergence is zero.
         """
         reward = env.reward
         if not isinstance(reward, TrackingReward):
-            raise UsageError(f"--learner gps: expected --reward {', '.join(TRACKED_REWARDS)}, which track a target")
+            raise UsageError(f"--learner gps: expected --reward {', '.join(TRACKED_REWARDS)} (rewards with a target)")
         config.check_together()
         if env.task.control_steps > MOST_STEPS:
             raise UsageError(
-                f"--learner gps fits dynamics to every control step: expected at most {MOST_STEPS} an episode, "
+                f"--learner gps fits dynamics at every control step: expected at most {MOST_STEPS} steps per episode, "
                 f"{env.task.name} has {env.task.control_steps}; use --learner trpo"
             )
         if not ends_with_clock(env.task, env.state):
             raise UsageError(
-                f"--learner gps: the controller's time step is read from the clock, which the observation of "
-                f"{env.task.name} does not end with; use --learner trpo"
+                f"--learner gps: the observation of {env.task.name} does not end with a clock; use --learner trpo"
             )
         self._reward = reward
         self._config, self._seed = config, seed
@@ -141,12 +141,12 @@ class GuidedPolicySearch:
 
     @property
     def controller(self) -> LinearGaussianController:
-        """What makes the next rollouts, on the whole state."""
+        """The controller for the next rollouts, which acts on the full state x."""
         return self._starts[self._turn].search.controller
 
     @property
     def own(self) -> LinearGaussianController:
-        """The controller on the robot's own observation, of the cheapest search's last rollouts."""
+        """The controller on the robot's own observation from the last rollouts of the lowest-cost search."""
         return self._cheapest().own
 
     @property
@@ -157,10 +157,10 @@ class GuidedPolicySearch:
         return min(self._starts, key=lambda start: start.cost)
 
     def learn(self, total_timesteps: int, reset_num_timesteps: bool = False) -> GuidedPolicySearch:
-        """One episode of every simulation, and one update; named and called as Stable-Baselines3's.
+        """Run one episode in every simulation and one update; same signature as `learn` of Stable-Baselines3.
 
         Raises:
-            FloatingPointError: The rollouts' cost is no finite number.
+            FloatingPointError: The cost of the rollouts is not finite.
         """
         if self._iterations == self._refined:
             self._refine()
@@ -169,7 +169,7 @@ class GuidedPolicySearch:
         least_std = self._least_std(self._iterations + 1)
         cost = float(self._cost.of(states, actions).mean())
         if not math.isfinite(cost):
-            raise FloatingPointError("what rollouts cost is no finite number")
+            raise FloatingPointError("the cost of the rollouts is not finite")
         ran = self._starts[self._turn].search
         search, self.last = iterate(ran, states, actions, self._cost, self._config.kl, rng, least_std, self._period)
         assert self.last.seen is not None
@@ -183,10 +183,10 @@ class GuidedPolicySearch:
         return self
 
     def rollouts(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """States (N, T + 1, dx) and actions (N, T, du) of one episode of every simulation under the controller."""
+        """States (N, T + 1, dx) and actions (N, T, du) of one episode of the controller in every simulation."""
         env, controller = self.env, self.controller
         if not self._fresh:
-            env.reset()  # What the environment was made with is no numbered episode.
+            env.reset()  # The initial reset of a new environment does not count as an episode.
             self._fresh = True
         states, actions = [self._state(0, env.state)], []
         for step in range(controller.steps):
@@ -197,14 +197,15 @@ class GuidedPolicySearch:
         return np.stack(states, axis=1), np.stack(actions, axis=1)
 
     def _tracking(self) -> QuadraticCost:
-        """The cost, in what the reward tracks now."""
+        """The cost of tracking the current reward's targets."""
         targets, weights = self._reward.targets, self._reward.cost_weights
         return QuadraticCost.tracking(self._size + targets.shape[1], targets, weights, self._penalty)
 
     def _refine(self) -> None:
-        """Go on with the reward's finer target, from the next controller on the robot's own observation.
+        """Continue with the reward's finer target, from the next controller on the robot's own observation.
 
-        What is known of the dynamics goes: the numbers of images are others now.
+        The remembered rollouts and the prior of the dynamics are discarded, because the tracked values are different
+        now.
         """
         self._track_finer()
         (start,) = self._starts
@@ -217,23 +218,23 @@ class GuidedPolicySearch:
         self._cost = self._tracking()
 
     def _least_std(self, iterations: int) -> float:
-        """Of actions, after so many iterations."""
+        """Minimum standard deviation of actions after `iterations` iterations."""
         left = max(1 - iterations / self._config.iterations, 0)
         return left * float(np.exp(min(EXPLORATION, self._config.log_std)))
 
     def _standing_still(self) -> float:
-        """What it costs a control step to stay where the environment has just begun."""
+        """Mean cost per control step of staying in the initial state of the current episode."""
         seen = self._reward.tracked(0, self.env.state, self.env.contexts).mean(axis=0)
         apart = np.square(self._reward.targets - seen).sum(axis=1)
         return max(float((0.5 * self._reward.cost_weights * apart).mean()), 1e-9)
 
     def _state(self, step: int, state: State) -> np.ndarray:
-        """x (n, dx) after `step` control steps."""
+        """States x (n, dx) after `step` control steps."""
         own = self.env.task.observe(state)[:, :-1].astype(np.float64)
         return np.concatenate([own, self._reward.tracked(step, state, self.env.contexts)], axis=1)
 
     def state(self) -> dict[str, Any]:
-        """Everything that decides how learning goes on, as a tree of arrays and numbers."""
+        """The complete state that determines the rest of learning, as a tree of arrays and numbers."""
         return {
             "starts": [start.state() for start in self._starts],
             "iterations": self._iterations,
@@ -242,19 +243,19 @@ class GuidedPolicySearch:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Put `state` back, bit for bit."""
+        """Restore a state returned by `state`, bit for bit."""
         if 0 < self._refined < state["iterations"]:
             self._track_finer()
         self._starts = [Start.of(start) for start in state["starts"]]
         self._iterations, self.num_timesteps = state["iterations"], state["samples"]
         if self._iterations:
-            self.env.episode = state["episode"] - 1  # The running episode was drawn before: draw it again.
+            self.env.episode = state["episode"] - 1  # The current episode was drawn before; draw it again.
             self.env.reset()
             self._fresh = True
 
 
 def ends_with_clock(task: Task, state: State) -> bool:
-    """Whether the learner's observation ends with the time over the episode's, and tells it nowhere else."""
+    """Whether the last entry of the learner's observation, and no other, is time relative to the episode length."""
     start, end = (task.observe(replace(state, time=np.full_like(state.time, t))) for t in (0.0, task.horizon))
     told = (end - start).astype(np.float64)
     return bool(np.allclose(told[:, :-1], 0, atol=1e-6) and np.allclose(told[:, -1], 1, atol=1e-5))

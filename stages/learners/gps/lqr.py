@@ -1,7 +1,7 @@
 """The linear-quadratic-Gaussian problem: backward pass, forward pass, and KL divergence between controllers.
 
-Costs are quadratic in states and actions, l(x_t, u_t) = 1/2 x' Q_t x + q_t' x + c_t + 1/2 u' R u, so that nothing is
-approximated but the dynamics.
+Costs are quadratic in states and actions, l(x_t, u_t) = 1/2 x' Q_t x + q_t' x + c_t + 1/2 u' R u, so only the dynamics
+are approximated.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from stages.learners.gps.dynamics import Dynamics
 
 @dataclass(frozen=True)
 class QuadraticCost:
-    """The cost of T control steps, and of the state behind the last.
+    """Quadratic cost of T control steps and the final state.
 
     Attributes:
-        hessian: Q_t (T + 1, dx, dx).
-        gradient: q_t (T + 1, dx).
-        constant: c_t (T + 1,).
-        action: R (du, du).
+        hessian: State Hessians Q_t (T + 1, dx, dx).
+        gradient: State gradients q_t (T + 1, dx).
+        constant: Constants c_t (T + 1,).
+        action: Action Hessian R (du, du).
     """
 
     hessian: np.ndarray
@@ -33,13 +33,13 @@ class QuadraticCost:
 
     @classmethod
     def tracking(cls, state_size: int, targets: np.ndarray, weights: np.ndarray, action: np.ndarray) -> QuadraticCost:
-        """1/2 w_t |z_t - z*_t|^2 + 1/2 u' R u, z_t being the last entries of the state.
+        """The tracking cost 1/2 w_t |z_t - z*_t|^2 + 1/2 u' R u, where z_t are the last m entries of the state.
 
         Args:
-            state_size: dx.
-            targets: z*_t (T + 1, m).
-            weights: w_t (T + 1,).
-            action: R (du, du).
+            state_size: Number of entries of the state, dx.
+            targets: Targets z*_t (T + 1, m).
+            weights: Weights w_t (T + 1,).
+            action: Action Hessian R (du, du).
         """
         steps, tracked = targets.shape
         hessian, gradient = np.zeros((steps, state_size, state_size)), np.zeros((steps, state_size))
@@ -49,7 +49,7 @@ class QuadraticCost:
         return cls(hessian, gradient, 0.5 * weights * np.square(targets).sum(axis=1), action)
 
     def of(self, states: np.ndarray, actions: np.ndarray) -> np.ndarray:
-        """Cost (N,) of rollouts: states (N, T + 1, dx), actions (N, T, du)."""
+        """Costs (N,) of rollouts with states (N, T + 1, dx) and actions (N, T, du)."""
         quadratic = 0.5 * np.einsum("nti,tij,ntj->n", states, self.hessian, states)
         linear = np.einsum("nti,ti->n", states, self.gradient) + self.constant.sum()
         return quadratic + linear + 0.5 * np.einsum("nti,ij,ntj->n", actions, self.action, actions)
@@ -60,11 +60,11 @@ class Marginals:
     """Gaussian marginals of states and actions under a controller.
 
     Attributes:
-        state_mean: (T + 1, dx).
-        state_covariance: (T + 1, dx, dx).
-        action_mean: (T, du).
-        action_covariance: (T, du, du).
-        cross: Covariance of state and action (T, dx, du).
+        state_mean: Means of the states (T + 1, dx).
+        state_covariance: Covariances of the states (T + 1, dx, dx).
+        action_mean: Means of the actions (T, du).
+        action_covariance: Covariances of the actions (T, du, du).
+        cross: Cross-covariances of state and action (T, dx, du).
     """
 
     state_mean: np.ndarray
@@ -74,7 +74,7 @@ class Marginals:
     cross: np.ndarray
 
     def cost(self, cost: QuadraticCost) -> float:
-        """The expected cost of a rollout."""
+        """Expected cost of a rollout."""
         mean, action = self.state_mean, self.action_mean
         states = 0.5 * np.einsum("ti,tij,tj->", mean, cost.hessian, mean) + (cost.gradient * mean).sum()
         states += 0.5 * np.einsum("tij,tji->", cost.hessian, self.state_covariance) + cost.constant.sum()
@@ -86,16 +86,16 @@ class Marginals:
 def backward(
     dynamics: Dynamics, cost: QuadraticCost, eta: float = 1.0, old: LinearGaussianController | None = None
 ) -> LinearGaussianController:
-    """The controller that minimises E[l] + eta KL(new || old), or without `old` E[l] - eta H(new).
+    """The controller that minimizes E[l] + eta KL(new || old), or E[l] - eta H(new) without `old`.
 
-    It is the maximum entropy controller of the cost l / eta - log p_old(u | x): its covariance is the inverse of the
-    action's Hessian of Q, scaled by eta (Levine and Abbeel 2014, Sec. 3).
+    It is the maximum-entropy controller for the cost l / eta - log p_old(u | x). Its covariance is the inverse of the
+    action Hessian of the Q-function for this scaled cost (Levine and Abbeel 2014, Sec. 3).
 
     Args:
-        dynamics: Of the T control steps.
-        cost: Of them and the last state.
-        eta: The dual variable.
-        old: The controller to stay near.
+        dynamics: Dynamics of the T control steps.
+        cost: Cost of the T control steps and the final state.
+        eta: Dual variable.
+        old: Reference controller of the KL divergence; None: minimize without one.
     """
     steps, size, both = dynamics.transition.shape
     gains, offsets = np.empty((steps, both - size, size)), np.empty((steps, both - size))
@@ -129,7 +129,7 @@ def backward(
 def forward(
     dynamics: Dynamics, controller: LinearGaussianController, mean: np.ndarray, covariance: np.ndarray
 ) -> Marginals:
-    """Marginals under `controller` from the initial state's mean (dx,) and covariance (dx, dx)."""
+    """Marginals under `controller`, given the mean (dx,) and covariance (dx, dx) of the initial state."""
     means, covariances, action_means, action_covariances, crosses = [mean], [covariance], [], [], []
     for t in range(controller.steps):
         gain = controller.gains[t]
@@ -150,7 +150,7 @@ def forward(
 
 
 def divergence(new: LinearGaussianController, old: LinearGaussianController, marginals: Marginals) -> float:
-    """KL(new || old) (nats) of a rollout: summed over time, its states distributed as `new` distributes them."""
+    """KL(new || old) of a rollout in nats: summed over time steps, for states distributed as in `marginals`."""
     total = 0.0
     for t in range(new.steps):
         mean, covariance = marginals.state_mean[t], marginals.state_covariance[t]
@@ -164,10 +164,10 @@ def divergence(new: LinearGaussianController, old: LinearGaussianController, mar
 
 
 def on_part(controller: LinearGaussianController, marginals: Marginals, kept: int) -> LinearGaussianController:
-    """The controller that knows only the first `kept` entries of the state: the actions' distribution given those.
+    """The controller that observes only the first `kept` entries of the state.
 
-    Closed form, from the joint Gaussian of state and action at each time step; what the rest of the state would have
-    told goes into the covariance.
+    It is the conditional distribution of the actions given these entries, in closed form from the joint Gaussian of
+    state and action at each time step. The effect of the other entries becomes part of the covariance.
     """
     gains, offsets, covariances = [], [], []
     for t in range(controller.steps):
@@ -176,7 +176,7 @@ def on_part(controller: LinearGaussianController, marginals: Marginals, kept: in
         gain = np.linalg.solve(part, marginals.cross[t, :kept]).T
         gains.append(gain)
         offsets.append(marginals.action_mean[t] - gain @ marginals.state_mean[t, :kept])
-        # As the noise of old and what the rest would have told, so that rounding leaves it positive.
+        # Add the effect of the other entries to the controller's noise as a Gram matrix: rounding keeps it positive.
         left = spread - spread[:, :kept] @ np.linalg.solve(part, spread[:kept])
         told, directions = np.linalg.eigh((left + left.T) / 2)
         root = controller.gains[t] @ directions * np.sqrt(np.maximum(told, 0))

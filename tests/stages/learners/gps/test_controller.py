@@ -99,10 +99,10 @@ def test_arrays_make_the_controller_again_and_wrong_ones_are_refused(any_control
     single = LinearGaussianController.from_arrays({name: values.astype(np.float32) for name, values in arrays.items()})
     assert single.gains.dtype == np.float64
     wrong = [
-        ({"gains": arrays["gains"][:, :1]}, "not of one controller"),
-        ({"gains": arrays["gains"][:5]}, "not of one controller"),
-        ({"covariances": arrays["covariances"][:5]}, "not of one controller"),
-        ({"covariances": arrays["covariances"][:, :1]}, "not of one controller"),
+        ({"gains": arrays["gains"][:, :1]}, "do not match"),
+        ({"gains": arrays["gains"][:5]}, "do not match"),
+        ({"covariances": arrays["covariances"][:5]}, "do not match"),
+        ({"covariances": arrays["covariances"][:, :1]}, "do not match"),
         ({"offsets": np.where(np.arange(2), np.inf, arrays["offsets"])}, "finite"),
         ({"covariances": arrays["covariances"] + np.array([[0.0, 1.0], [0.0, 0.0]])}, "not symmetric"),
         ({"covariances": np.tile(np.diag([1.0, -1.0]), (12, 1, 1))}, "positive definite"),

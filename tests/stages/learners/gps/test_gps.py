@@ -164,9 +164,9 @@ def test_reach_is_learned_from_100_rollouts_and_the_policy_needs_no_goal(tmp_pat
 def test_a_policy_file_of_the_wrong_sizes_is_refused(tmp_path):
     config = {"learner": "gps", "observation_size": 7, "action_size": 3}
     arrays = LinearGaussianController.constant(50, 5, 3, 1.0).arrays()
-    cases = [(arrays, "expected"), ({"gains": arrays["gains"]}, "no controller")]
-    cases.append(({**arrays, "covariances": -arrays["covariances"]}, "no controller"))
-    cases.append(({**arrays, "offsets": arrays["offsets"] * np.nan}, "no controller .*finite"))
+    cases = [(arrays, "expected"), ({"gains": arrays["gains"]}, "valid controller")]
+    cases.append(({**arrays, "covariances": -arrays["covariances"]}, "valid controller"))
+    cases.append(({**arrays, "offsets": arrays["offsets"] * np.nan}, "valid controller .*finite"))
     cases.append(({**arrays, "covariances": arrays["covariances"] + np.triu(np.ones((3, 3)), 1)}, "symmetric"))
     cases.append(({name: values[:0] for name, values in arrays.items()}, "no control step"))
     for k, (broken, message) in enumerate(cases):
