@@ -1,7 +1,8 @@
-"""Light random changes of training videos, for few real ones: other light, another camera, held a little differently.
+"""Light random augmentation of training videos, for small sets of real videos: changes of lighting, color and position.
 
-A video is changed as a whole, its context frame included, or what differs between the two would no longer be what
-happened. The paper has no such thing: it has a hundred real videos or so a task (Sec. VI.A), and dropout.
+All frames of a video, including its context frame, get the same change. Otherwise, differences from the context frame
+would no longer show only motion. The paper uses no augmentation: it has about a hundred real videos per task (Sec.
+VI.A), and dropout.
 """
 
 from __future__ import annotations
@@ -10,23 +11,23 @@ import numpy as np
 import torch
 from torch import Tensor
 
-# Bounds of what is drawn, uniformly and independently.
-BRIGHTNESS = 0.15  # added, of the range [-1, 1]
-CONTRAST = 0.15  # off a factor of one, of how far a pixel is from the context frame's mean
-SATURATION = 0.2  # off a factor of one, of how far a colour is from its grey
-SHIFT = 1 / 16  # of height and width: three pixels of 48
-LUMA = (0.299, 0.587, 0.114)  # of red, green and blue (ITU-R BT.601)
+# Bounds of the changes, which are drawn uniformly and independently.
+BRIGHTNESS = 0.15  # maximum offset; pixels are in [-1, 1]
+CONTRAST = 0.15  # maximum deviation from one of the factor for distances from the context frame's mean
+SATURATION = 0.2  # maximum deviation from one of the factor for distances of a color from its gray
+SHIFT = 1 / 16  # maximum shift as a share of height and width: 3 of 48 pixels
+LUMA = (0.299, 0.587, 0.114)  # luma coefficients of red, green and blue (ITU-R BT.601)
 
 
 def augmented(images: Tensor, rng: np.random.Generator) -> Tensor:
-    """Videos in another light, and a few whole pixels aside.
+    """Change brightness, contrast and saturation of videos, and shift them by a few whole pixels.
 
     Args:
-        images: Frames (V, F, 3, H, W) of V videos, in [-1, 1]; the first of each is its context frame.
-        rng: What is drawn from it is drawn once a video, and the same for all of its frames.
+        images: Frames (V, F, 3, H, W) of V videos, in [-1, 1]; the first frame of each video is its context frame.
+        rng: Generator for the changes, which are drawn once per video.
 
     Returns:
-        Frames of the same shape, in [-1, 1]; where nothing is known of what moved into the picture, its border goes on.
+        Frames of the same shape, in [-1, 1]. Shifted frames are padded by repeating the border pixels.
     """
     videos, size = len(images), images.shape[-2:]
 

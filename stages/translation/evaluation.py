@@ -1,4 +1,4 @@
-"""Held-out metrics of a translator, each beside copying the context frame."""
+"""Metrics of a translator on held-out demonstrations, compared with copying the context frame."""
 
 from __future__ import annotations
 
@@ -9,20 +9,23 @@ from stages.translation.layers import evaluating
 from stages.translation.metrics import feature_ratio, psnr, squared_error, ssim
 from stages.translation.networks import Translator, to_images
 
-CHUNK = 8  # videos at a time
+CHUNK = 8  # videos evaluated at once
 
 
 @torch.no_grad()
 def evaluate_translator(model: Translator, frames: Tensor, device: str) -> dict[str, float]:
-    """Translate each held-out demonstration into the context of the one before, without dropout.
+    """Translate each held-out demonstration into the context of the previous one, without dropout.
 
     Args:
-        frames: Held-out demonstrations (N, T, H, W, 3), uint8; two at least.
+        model: The translator.
+        frames: Held-out demonstrations (N, T, H, W, 3), uint8; at least two.
+        device: Torch device of the model.
 
     Returns:
         Means over frames 1..T-1 (frame 0 is the context itself) of `psnr` (dB), `ssim`, `trans`, `rec` (sums of
-        squared differences a frame in [0, 1]) and `align` (a sum over features), the same of copying the context
-        frame (`copy_psnr`, `copy_ssim`, `copy_trans`, of its features `copy_align`), and the median `feature_ratio`.
+        squared differences per frame, pixels in [0, 1]) and `align` (sum of squared differences over features); the
+        same metrics for copying the context frame (`copy_psnr`, `copy_ssim`, `copy_trans`) or its features
+        (`copy_align`); and the median of `feature_ratio`.
     """
     with evaluating(model):
         return _evaluate(model, frames, device)

@@ -1,4 +1,4 @@
-"""Layers of the translators. Throughout: P pairs, K frames a pair; contexts are encoded once a pair."""
+"""Layers of the translators. Batches have P pairs with K frames each; the context is encoded once per pair."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ LEAK = 0.2
 
 
 def he_initialise(module: nn.Module) -> None:
-    """He initialisation with zero biases, in place.
+    """Apply He initialization with zero biases, in place.
 
-    With PyTorch's defaults the features start so small that L_align pulls them to nothing before the decoder has
-    learned to read them, and the translator collapses to copying its context.
+    With PyTorch's defaults, the initial features are so small that L_align pulls them to zero before the decoder has
+    learned to use them. The translator then collapses to copying its context.
     """
     for layer in module.modules():
         if isinstance(layer, nn.Conv2d | nn.ConvTranspose2d | nn.Linear):
             if isinstance(layer, nn.ConvTranspose2d):
-                # Each output pixel of a stride-s transposed convolution sums kernel^2 / s^2 taps of every channel.
+                # Each output pixel of a transposed convolution with stride s sums kernel^2 / s^2 taps per channel.
                 taps = layer.kernel_size[0] * layer.kernel_size[1] / (layer.stride[0] * layer.stride[1])
                 gain = nn.init.calculate_gain("leaky_relu", LEAK)
                 nn.init.normal_(layer.weight, std=gain / (layer.in_channels * taps) ** 0.5)
@@ -33,7 +33,7 @@ def he_initialise(module: nn.Module) -> None:
 
 
 class DropoutLinear(nn.Linear):
-    """A fully connected layer; in training, each of its inputs is dropped with probability `dropout`."""
+    """A fully connected layer with dropout of its inputs, with probability `dropout`, during training."""
 
     def __init__(self, inputs: int, outputs: int, dropout: float):
         super().__init__(inputs, outputs)
@@ -44,12 +44,12 @@ class DropoutLinear(nn.Linear):
 
 
 class SkipConvTranspose2d(nn.ConvTranspose2d):
-    """A transposed convolution over the concatenation of its input and a skip from the context encoder.
+    """A transposed convolution of the concatenation of its input and a skip connection from the context encoder.
 
-    The skip belongs to a pair, the input to each of the pair's frames. Convolution is linear, so the skip's half is
-    computed once a pair and added to every frame: the same mathematics in fewer operations. With C and S channels of
-    input and skip, a pair of K frames costs (K C + S) / (K (C + S)) of the plain form: with C = S, as in the paper's
-    network, and K = 4, five eighths.
+    There is one input per frame, but only one skip per pair. Convolution is linear, so the contribution of the skip is
+    computed once per pair and added to every frame. The result is the same, with fewer operations. With C and S
+    channels of input and skip, a pair of K frames needs (K C + S) / (K (C + S)) of the operations of the plain form:
+    five eighths for C = S, as in the paper's network, and K = 4.
     """
 
     def __init__(self, channels: int, skip_channels: int, out_channels: int, kernel: int, stride: int = 2):
@@ -58,18 +58,18 @@ class SkipConvTranspose2d(nn.ConvTranspose2d):
         self.split = channels
 
     def forward_split(self, x: Tensor, skip: Tensor, size: tuple[int, int]) -> Tensor:
-        """x (P * K, C, h, w) and skip (P, S, h, w) -> (P * K, O, *size)."""
+        """Map inputs x (P * K, C, h, w) and skips (P, S, h, w) to outputs (P * K, O, *size)."""
         y = self._transposed(x, self.weight[: self.split], self.bias, size)
         shared = self._transposed(skip, self.weight[self.split :], None, size)
         return (y.unflatten(0, (len(skip), -1)) + shared[:, None]).flatten(0, 1)
 
     def forward_joined(self, x: Tensor, skip: Tensor, size: tuple[int, int]) -> Tensor:
-        """The plain form: the skip repeated for each frame and concatenated. For tests and benchmarks."""
+        """Plain form, which repeats the skip for each frame and concatenates it; for tests and benchmarks."""
         joined = torch.cat([x, skip.repeat_interleave(len(x) // len(skip), dim=0)], dim=1)
         return self._transposed(joined, self.weight, self.bias, size)
 
     def _transposed(self, x: Tensor, weight: Tensor, bias: Tensor | None, size: tuple[int, int]) -> Tensor:
-        """Transposed convolution with the output padding or the crop that makes the output `size`."""
+        """Transposed convolution with the output padding or cropping that gives an output of `size`."""
         stride, padding, kernel = self.stride[0], int(self.padding[0]), self.kernel_size[0]
         extra = [size[k] - ((x.shape[2 + k] - 1) * stride - 2 * padding + kernel) for k in range(2)]
         y = F.conv_transpose2d(x, weight, bias, stride, padding, [max(e, 0) for e in extra])
@@ -77,7 +77,7 @@ class SkipConvTranspose2d(nn.ConvTranspose2d):
 
 
 class ConvEncoder(nn.Module):
-    """Convolutions with LeakyReLU; returns the activations of every layer, finest first."""
+    """Convolutions with LeakyReLU; returns the activations of all layers, finest first."""
 
     def __init__(self, channels: tuple[int, ...], strides: tuple[int, ...], kernel: int, in_channels: int = 3):
         super().__init__()
@@ -95,7 +95,7 @@ class ConvEncoder(nn.Module):
 
 
 def strided(size: tuple[int, int], strides: tuple[int, ...]) -> list[tuple[int, int]]:
-    """Sizes of an image before and after each of the convolutions of these strides, with same padding."""
+    """Sizes of an image before and after each convolution with the given strides and "same" padding."""
     sizes = [size]
     for stride in strides:
         sizes.append((-(-sizes[-1][0] // stride), -(-sizes[-1][1] // stride)))
@@ -104,7 +104,7 @@ def strided(size: tuple[int, int], strides: tuple[int, ...]) -> list[tuple[int, 
 
 @contextmanager
 def evaluating(model: nn.Module) -> Iterator[None]:
-    """Without dropout, in the with block alone."""
+    """Context manager that puts `model` in evaluation mode (no dropout) and restores its mode afterwards."""
     training = model.training
     model.eval()
     try:

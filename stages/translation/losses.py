@@ -1,4 +1,4 @@
-"""The translator's objective L = L_trans + lambda_1 L_rec + lambda_2 L_align (Sec. IV)."""
+"""The training objective of the translator, L = L_trans + lambda_1 L_rec + lambda_2 L_align (Sec. IV)."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from stages.translation.networks import Translator
 
 @dataclass(frozen=True)
 class LossWeights:
-    """Weights of the losses; zero switches one off.
+    """Weights of the losses; zero disables a loss.
 
     Attributes:
-        trans: Weight of L_trans (the paper: 1).
-        rec: lambda_1.
-        align: lambda_2.
+        trans: Weight of L_trans (1 in the paper).
+        rec: Weight of L_rec, lambda_1.
+        align: Weight of L_align, lambda_2.
     """
 
     trans: float
@@ -33,17 +33,18 @@ def translation_losses(
     motion_weight: float = 0.0,
     reconstructed: Tensor | None = None,
 ) -> dict[str, Tensor]:
-    """L_trans, L_rec and L_align of pairs of videos, each a sum over pixels or features, averaged over frames.
+    """L_trans, L_rec and L_align of pairs of videos; each is a sum over pixels or features, averaged over frames.
 
-    Every video is source of one pair and target of another, so each frame is encoded once, as z_1 of the one and as
-    the alignment target Enc1(o_t^j) of the other.
+    Every video is the source of one pair and the target of another. Each frame is therefore encoded once, and its
+    features serve as z_1 of the first pair and as the alignment target Enc1(o_t^j) of the second.
 
     Args:
+        model: The translator.
         videos: Frames (V, K, 3, H, W) of V videos at K shared time indices, in [-1, 1].
         contexts: First frames o_0 (V, 3, H, W) of the videos.
         sources: Permutations (V,): in pairing m, video sources[m][j] is translated into the context of video j.
-        motion_weight: Extra weight of pixels that differ from the context frame (0: the paper's losses).
-        reconstructed: Indices (R,) of the times that L_rec is measured at (None: all K).
+        motion_weight: Additional weight of pixels that differ from the context frame (0: losses of the paper).
+        reconstructed: Indices (R,) of the times at which L_rec is computed (None: all K).
 
     Returns:
         Scalars `trans`, `rec` and `align`.
@@ -56,7 +57,7 @@ def translation_losses(
     ]
     shown = slice(None) if reconstructed is None else reconstructed
     own = features[:, shown]
-    # One call of Dec for reconstructions and translations: the context's skips are convolved once for all of them.
+    # Decode reconstructions and translations in one call of Dec, so that the context's skips are convolved only once.
     decoded = model.decode(torch.cat([own, *translated], dim=1).flatten(0, 1), context).unflatten(0, (count, -1))
     reconstruction, *translations = decoded.split([own.shape[1], *[videos.shape[1]] * len(sources)], dim=1)
     weights = torch.ones_like(videos[:, :, :1])

@@ -1,8 +1,8 @@
 """The context translator: Enc1, Enc2, T and Dec (Sec. IV), in three architectures.
 
-`paper` is the paper's network for simulation, `real` its network for real images. `compact` is for CPUs: it
-ties the encoders, lets T predict how the context frame's features change and Dec how its pixels change. Images inside
-the networks are float, (B, 3, H, W) in [-1, 1].
+`paper` is the paper's network for simulation, and `real` is its network for real images. `compact` is for CPUs: its
+encoders share weights, T predicts changes of the context frame's features, and Dec predicts changes of its pixels.
+Inside the networks, images are float tensors (B, 3, H, W) in [-1, 1].
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from stages.translation.layers import LEAK, ConvEncoder, DropoutLinear, SkipConv
 
 @dataclass
 class EncodedContext:
-    """What Enc2 makes of P context frames o_0^j.
+    """Output of Enc2 for P context frames o_0^j.
 
     Attributes:
-        features: z_2, (P, D).
-        skips: Activations of the convolutions, finest first, each (P, C, h, w).
-        image: The frames themselves, (P, 3, H, W).
-        palette: Colours found in the frames, (P, C, 3), where the architecture uses them.
+        features: Features z_2 (P, D).
+        skips: Activations (P, C, h, w) of each convolution, finest first.
+        image: Context frames (P, 3, H, W).
+        palette: Colors (P, C, 3) found in the frames, if the architecture uses them.
     """
 
     features: Tensor
@@ -38,11 +38,11 @@ class EncodedContext:
 
 
 class Translator(nn.Module, ABC):
-    """M(o_t^i, o_0^j) = Dec(T(Enc1(o_t^i), Enc2(o_0^j))).
+    """Base class of the translation network M(o_t^i, o_0^j) = Dec(T(Enc1(o_t^i), Enc2(o_0^j))).
 
     Attributes:
-        feature_size: D, the width of z_1, z_2 and z_3.
-        plain: Decode with the plain concatenation of skips; for tests and benchmarks.
+        feature_size: Width D of z_1, z_2 and z_3.
+        plain: Whether to decode with plain concatenation of skips; for tests and benchmarks.
     """
 
     feature_size: int
@@ -53,19 +53,19 @@ class Translator(nn.Module, ABC):
 
     @abstractmethod
     def encode(self, images: Tensor) -> Tensor:
-        """z_1 = Enc1(o): (B, 3, H, W) -> (B, D)."""
+        """Features z_1 = Enc1(o) of images: (B, 3, H, W) -> (B, D)."""
 
     @abstractmethod
     def encode_context(self, images: Tensor) -> EncodedContext:
-        """Enc2(o_0): P context frames (P, 3, H, W)."""
+        """Output of Enc2(o_0) for P context frames (P, 3, H, W)."""
 
     @abstractmethod
     def translate(self, z1: Tensor, context: EncodedContext) -> Tensor:
-        """z_3 = T(z_1, z_2): (P * K, D), K frames a context -> (P * K, D)."""
+        """Translated features z_3 = T(z_1, z_2), K frames per context: (P * K, D) -> (P * K, D)."""
 
     @abstractmethod
     def decode(self, features: Tensor, context: EncodedContext) -> Tensor:
-        """Dec: features (P * K, D) in their contexts -> images (P * K, 3, H, W)."""
+        """Images (P * K, 3, H, W) that Dec makes from features (P * K, D) and their contexts."""
 
     def _upsample(self, layer: SkipConvTranspose2d, x: Tensor, skip: Tensor, size: tuple[int, int]) -> Tensor:
         forward = layer.forward_joined if self.plain else layer.forward_split
@@ -73,13 +73,13 @@ class Translator(nn.Module, ABC):
 
 
 class PaperTranslator(Translator):
-    """The simulation network of Sec. VI.A: four 5x5 stride-2 convolutions, two layers of 1024, untied encoders."""
+    """The network for simulation (Sec. VI.A): four 5x5 stride-2 convolutions, two layers of 1024, untied encoders."""
 
     CHANNELS: tuple[int, ...] = (64, 128, 256, 512)
     STRIDES: tuple[int, ...] = (2, 2, 2, 2)
     FEATURES = 1024
     TIED = False  # Enc1 = Enc2
-    DROPOUT = 0.0  # of the inputs of every fully connected layer
+    DROPOUT = 0.0  # dropout probability of the inputs of every fully connected layer
 
     def __init__(self, size: tuple[int, int], feature_size: int | None = None):
         super().__init__()
@@ -94,7 +94,7 @@ class PaperTranslator(Translator):
             return nn.Sequential(dense(coarse, width), nn.LeakyReLU(LEAK), dense(width, width), nn.LeakyReLU(LEAK))
 
         self.enc1, self.enc1_head = ConvEncoder(self.CHANNELS, self.STRIDES, 5), head()
-        if not self.TIED:  # else there is no Enc2 of its own: weights are kept once
+        if not self.TIED:  # Otherwise Enc2 is Enc1, and its weights are stored only once.
             self.enc2, self.enc2_head = ConvEncoder(self.CHANNELS, self.STRIDES, 5), head()
         self.translation = nn.Sequential(dense(2 * width, width), nn.LeakyReLU(LEAK), dense(width, width))
         self.dec_head = dense(width, coarse)
@@ -126,17 +126,18 @@ class PaperTranslator(Translator):
 
 
 class RealTranslator(PaperTranslator):
-    """The network for real images of Sec. VI.A: narrow, with tied encoders and dropout, for a hundred videos or so.
+    """The network for real images (Sec. VI.A): narrow, with tied encoders and dropout, for about a hundred videos.
 
-    Convolutions of 32, 16, 16 and 8 filters with strides 1, 2, 1 and 2; fully connected layers and features of 100;
-    fractionally-strided convolutions of 16, 16, 32 and 3 filters with strides 1/2, 1, 1/2 and 1, each of which also
-    takes Enc2's layer of the same size; Enc1 = Enc2; dropout of one half at every fully connected layer.
+    It has convolutions of 32, 16, 16 and 8 filters with strides 1, 2, 1 and 2, and fully connected layers and features
+    of width 100. Fractionally strided convolutions of 16, 16, 32 and 3 filters have strides 1/2, 1, 1/2 and 1; each
+    also receives the Enc2 layer of the same size. Enc1 and Enc2 share weights. Every fully connected layer has dropout
+    with probability 0.5.
 
-    Where the paper says nothing of this network, it is as the one for simulation: 5x5 kernels, two fully connected
-    layers an encoder, LeakyReLU, none behind T's last layer or the image. Dec's fully connected layer is as wide as
-    what it feeds, 8 filters at a quarter of the frame's size, for 100 numbers make no image. Dropout strikes what a
-    fully connected layer takes, not what it returns (the paper does not say which): features are whole where L_align
-    compares them and where the reward tracks them. As usual there is none outside training.
+    Details that the paper does not specify are the same as in the network for simulation: 5x5 kernels, two fully
+    connected layers per encoder, and LeakyReLU except after the last layer of T and after the image. The fully
+    connected layer of Dec is as wide as its output, 8 filters at a quarter of the frame size, because 100 values are
+    too few for an image. Dropout applies to the inputs of fully connected layers, not to their outputs (the paper does
+    not say which), so L_align and the reward compare complete features. Dropout is active only during training.
     """
 
     CHANNELS = (32, 16, 16, 8)
@@ -147,18 +148,17 @@ class RealTranslator(PaperTranslator):
 
 
 class CompactTranslator(Translator):
-    """A small network for CPUs, with tied encoders and everything relative to the context frame.
+    """A small network for CPUs with tied encoders; all outputs are relative to the context frame.
 
-    Enc1 = Enc2, so z_2 = Enc1(o_0^j), and T adds a change to it: z_3 = z_2 + T'(z_1, z_2) with T' = 0 at the start.
-    Feature tracking therefore starts no worse than the context frame's own features, and learning can only improve
-    on that.
+    Enc1 = Enc2, so z_2 = Enc1(o_0^j), and T adds a change to z_2: z_3 = z_2 + T'(z_1, z_2), where T' = 0 before
+    training. Feature tracking therefore starts with the features of the context frame and improves on them.
 
-    Dec paints with the context's own colours: each pixel mixes the context frame's pixel, a few colours that attention
-    found in the context frame (its palette), and a small correction. What moves is a question of geometry alone, and
-    the features need not carry colours.
+    Dec uses the colors of the context. Each pixel is a mixture of the context frame's pixel, a few colors that
+    attention finds in the context frame (the palette), and a small correction. Features therefore have to encode only
+    geometry, not colors.
 
-    The first convolution has stride 4: at 48x48 most of a CPU's time would go into the two finest resolutions, which
-    carry little.
+    The first convolution has stride 4. At 48x48 pixels, the two finest resolutions would otherwise take most of the CPU
+    time and contribute little.
     """
 
     def __init__(
@@ -197,7 +197,7 @@ class CompactTranslator(Translator):
         he_initialise(self)
         nn.init.zeros_(change.weight)
         nn.init.normal_(self.head.weight, std=flat**-0.5)
-        with torch.no_grad():  # Dec starts near the context frame, with little correction.
+        with torch.no_grad():  # Dec initially returns nearly the context frame, with a small correction.
             self.dec_fine.weight.mul_(0.3)
             self.dec_fine.weight[:, colours + 1 :].mul_(0.1)
             cast(Tensor, self.dec_fine.bias)[0] = 2.0
@@ -214,7 +214,7 @@ class CompactTranslator(Translator):
         return EncodedContext(self.head(skips[-1].flatten(1)), skips, images, self._palette(images, skips))
 
     def _palette(self, images: Tensor, skips: list[Tensor]) -> Tensor:
-        """Colours (P, C, 3) of context frames (P, 3, H, W): means over pixels, weighted by attention."""
+        """Colors (P, C, 3) of context frames (P, 3, H, W): attention-weighted means over pixels."""
         height, width = self.fine_size
         coarse = self.palette_coarse(skips[1])[..., :height, :width]
         scores = self.palette_pixels(images) + self.palette_fine(F.leaky_relu(coarse + skips[0], LEAK))
@@ -238,7 +238,15 @@ class CompactTranslator(Translator):
 
 
 def make_translator(arch: str, size: tuple[int, int]) -> Translator:
-    """A freshly initialised translator; `arch` is one of ARCHITECTURES, `size` the frames' height and width."""
+    """Make a newly initialized translator.
+
+    Args:
+        arch: Architecture, one of ARCHITECTURES.
+        size: Height and width of the frames, in pixels.
+
+    Raises:
+        ArtifactError: Height or width is not a multiple of 4.
+    """
     if size[0] % 4 or size[1] % 4:
         raise ArtifactError(f"frames of {size[1]}x{size[0]} pixels: expected width and height to be multiples of 4")
     networks: dict[str, type[PaperTranslator] | type[CompactTranslator]] = {
@@ -250,15 +258,15 @@ def make_translator(arch: str, size: tuple[int, int]) -> Translator:
 
 
 def load_translator(artifact: Artifact, device: str = "cpu") -> Translator:
-    """The network that a translator artifact holds, in evaluation mode.
+    """Load the network from a translator artifact, in evaluation mode.
 
     Raises:
-        ArtifactError: The weights do not fit the architecture that the artifact names.
+        ArtifactError: The architecture is unknown, or the weights do not fit it.
     """
     arch, size = artifact.config["arch"], artifact.config["size"]
     if arch not in ARCHITECTURES or not size:
         known = ", ".join(ARCHITECTURES)
-        raise ArtifactError(f"{artifact.path}: architecture {arch!r} is unknown, expected one of {known}")
+        raise ArtifactError(f"{artifact.path}: unknown architecture {arch!r}, expected one of {known}")
     with torch.random.fork_rng(devices=[]):
         model = make_translator(arch, tuple(size))
     try:
@@ -270,10 +278,10 @@ def load_translator(artifact: Artifact, device: str = "cpu") -> Translator:
 
 
 def to_images(frames: Tensor) -> Tensor:
-    """uint8 frames (..., H, W, 3) -> float images (..., 3, H, W) in [-1, 1]."""
+    """Convert uint8 frames (..., H, W, 3) to float images (..., 3, H, W) in [-1, 1]."""
     return frames.movedim(-1, -3).float().div_(127.5).sub_(1.0)
 
 
 def to_frames(images: Tensor) -> Tensor:
-    """Float images (..., 3, H, W) in [-1, 1] -> uint8 frames (..., H, W, 3)."""
+    """Convert float images (..., 3, H, W) in [-1, 1] to uint8 frames (..., H, W, 3)."""
     return images.add(1.0).mul(127.5).round().clamp(0, 255).to(torch.uint8).movedim(-3, -1)

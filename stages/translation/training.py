@@ -1,4 +1,4 @@
-"""The translator's training loop: batches of pairs, optimiser, averaged weights, checkpoints."""
+"""The training loop of the translator: batches of pairs, optimizer, averaged weights and checkpoints."""
 
 from __future__ import annotations
 
@@ -28,39 +28,39 @@ from stages.translation.layers import DropoutLinear
 from stages.translation.losses import LossWeights, translation_losses
 from stages.translation.networks import Translator, make_translator, to_images
 
-WARM_UP = 200  # steps to the peak learning rate
-FINAL_RATE = 0.02  # of the peak, at the end of the cosine
+WARM_UP = 200  # steps until the learning rate reaches its peak
+FINAL_RATE = 0.02  # final learning rate of the cosine schedule, relative to the peak
 GRADIENT_NORM = 50.0
-ALIGN_AT = (0.2, 0.5)  # shares of the steps after which videos are aligned, and aligned better
-SHOW_EVERY = 0.2  # seconds between two updates of the progress bar; each reads losses, and so waits for a GPU
-FEWEST = 4  # demonstrations: two to train on, two held out
-GPU_SHARE = 0.5  # of a GPU's free memory that training videos may take
+ALIGN_AT = (0.2, 0.5)  # shares of the steps after which videos are aligned, and aligned again
+SHOW_EVERY = 0.2  # minimum seconds between updates of the progress bar; each update waits for the GPU to read losses
+FEWEST = 4  # minimum number of demonstrations: two for training, two held out
+GPU_SHARE = 0.5  # maximum share of the free GPU memory for training videos
 
 
 class TranslatorTraining:
-    """State of a training run: networks, optimiser and step. Batches follow from seed and step alone."""
+    """State of a training run: networks, optimizer and step. Batches depend only on the seed and the step."""
 
     def __init__(
         self, config: TranslatorConfig, frames: Tensor, seed: int, device: str, processes: Processes | None = None
     ):
-        """Start from fresh weights.
+        """Start from newly initialized weights.
 
         Args:
-            config: How to train.
+            config: Training configuration.
             frames: Training demonstrations (N, T, H, W, 3), uint8; frame 0 of each is its context.
-            seed: The run's seed.
+            seed: Seed of the run.
             device: Torch device.
-            processes: The processes that share each step's groups (None: this one alone).
+            processes: Processes that share the groups of each step (None: only this process).
 
         Raises:
-            UsageError: The groups cannot be shared out evenly.
+            UsageError: The number of groups is not a multiple of the number of processes.
         """
         self._processes = processes or Processes()
         self._groups = self._processes.share(config.groups)
         self.config, self.seed, self.device = config, seed, device
         self._frames = on_gpu(frames, device)
-        self._red_blue_green = torch.tensor([0, 2, 1], device=device)  # A list would be waited for at each step.
-        self._index: np.ndarray | None = None  # Frames (N, T) that bring the videos to one tempo.
+        self._red_blue_green = torch.tensor([0, 2, 1], device=device)  # A list would wait for the GPU at each step.
+        self._index: np.ndarray | None = None  # Frame indices (N, T) that warp the videos to a common timeline.
         self.step = 0
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(integer(seed, "translator"))
@@ -80,17 +80,20 @@ class TranslatorTraining:
             align=config.lambda_align * ("align" not in config.without),
         )
         losses: Callable[..., dict[str, Tensor]] = translation_losses
-        # A step is hundreds of small kernels: by CUDA graphs, one launch. A graph's gradients stay where its next run
-        # writes, so that no second group can be added to them; and what dropout draws is seeded outside.
+        # A step runs hundreds of small kernels; CUDA graphs reduce them to one launch. They are not used with several
+        # groups, because a graph overwrites its gradients when it runs again and they would not accumulate, nor with
+        # dropout, because its random numbers are seeded outside the graph.
         graphs = device.startswith("cuda") and len(self._groups) == 1 and not self._drops
         self._losses = (
             torch.compile(losses, mode="reduce-overhead" if graphs else "default") if config.compile else losses
         )
 
     def train_step(self) -> dict[str, Tensor]:
-        """One optimiser step; returns the three losses, sums over pixels in [-1, 1] or features, a frame.
+        """Run one optimizer step.
 
-        They are numbers (float64) on the device: to read them is to wait for it.
+        Returns:
+            The three losses: sums per frame over features or pixels in [-1, 1]. They are float64 scalars on the device,
+            and reading them waits for the device.
         """
         config = self.config
         for group in self.optimiser.param_groups:
@@ -111,7 +114,7 @@ class TranslatorTraining:
         return dict(zip(LOSSES, losses.unbind(), strict=True))
 
     def _backward(self, group: int) -> Tensor:
-        """Add the gradients of one of this process's groups, for their mean; returns its three losses (3,)."""
+        """Accumulate the gradients of one group of this process, for the mean over groups; returns its losses (3,)."""
         config = self.config
         videos, contexts, sources, reconstructed = self._batch(group)
         use_amp = config.amp and self.device.startswith("cuda")
@@ -127,7 +130,7 @@ class TranslatorTraining:
 
     @contextmanager
     def _dropout(self, group: int) -> Iterator[None]:
-        """What a group's dropout draws follows from seed, step and group, as its batch does: no state to keep."""
+        """Seed dropout by the run's seed, step and group, as for the batches, so that no generator state is stored."""
         if not self._drops:
             yield
             return
@@ -136,10 +139,11 @@ class TranslatorTraining:
             yield
 
     def _share(self, losses: Tensor) -> Tensor:
-        """Average gradients and losses (3,) over the processes.
+        """Average gradients and losses (3,) over all processes.
 
-        In one vector, after the backward pass, and not by DistributedDataParallel: that hooks into one call of one
-        module's `forward`, where here Enc1, T and Dec are called by themselves and some groups may come first.
+        They are averaged as one vector after the backward pass. DistributedDataParallel is not used, because it hooks
+        into a single call of `forward` of one module. Here, Enc1, T and Dec are called separately, and several groups
+        may be accumulated first.
         """
         gradients = [parameter.grad for parameter in self.model.parameters() if parameter.grad is not None]
         mean = self._processes.mean(torch.cat([*(gradient.flatten() for gradient in gradients), losses.float()]))
@@ -157,7 +161,7 @@ class TranslatorTraining:
         return config.learning_rate * warm * max(cosine, FINAL_RATE)
 
     def _batch(self, group: int = 0) -> tuple[Tensor, Tensor, list[Tensor], Tensor | None]:
-        """Videos (V, K, 3, H, W), contexts (V, 3, H, W), each pairing's sources (V,), and the times (R,) of L_rec."""
+        """Videos (V, K, 3, H, W), contexts (V, 3, H, W), sources (V,) of each pairing, and times (R,) for L_rec."""
         config = self.config
         rng = generator(self.seed, "batch", self.step, *([group] if group else []))
         count, times = self._frames.shape[:2]
@@ -166,7 +170,7 @@ class TranslatorTraining:
         shown = np.concatenate([[0], np.sort(moments)])
         index = np.tile(shown, (len(chosen), 1)) if self._index is None else self._index[chosen][:, shown]
         images = to_images(self._picked(chosen, index))
-        # Neither changes what a video means, though a mirrored one shows a robot that bends the other way.
+        # Mirroring and swapping colors keep the meaning of a video, though a mirrored robot bends the other way.
         mirrored, swapped = self._sent(rng.random((2, len(chosen))) < 0.5)
         if config.mirror:
             images = torch.where(mirrored[:, None, None, None, None], images.flip(-1), images)
@@ -182,24 +186,24 @@ class TranslatorTraining:
         return images[:, 1:], images[:, 0], sources, reconstructed
 
     def _picked(self, videos: np.ndarray, index: np.ndarray) -> Tensor:
-        """Frames `index` (V, F) of the training videos (V,), on the device."""
+        """Frames `index` (V, F) of the training videos with numbers `videos` (V,), on the device."""
         if self._frames.is_cuda:
             return self._frames[self._sent(videos)[:, None], self._sent(index)]
         return self._sent(self._frames[torch.from_numpy(videos)[:, None], torch.from_numpy(index)])
 
     def _sent(self, values: np.ndarray | Tensor) -> Tensor:
-        """Values on the device; a GPU is not waited for."""
+        """Copy values to the device, without waiting for a GPU."""
         values = torch.as_tensor(values)
         return values.pin_memory().to(self.device, non_blocking=True) if self.device.startswith("cuda") else values
 
     def align(self) -> None:
-        """Bring all videos to one tempo by what the network has learned so far, if they are to be aligned now."""
+        """Warp all videos to a common timeline with the current network, if an alignment is due at this step."""
         due = (round(share * self.config.steps) for share in ALIGN_AT)
         if self.config.align == "dtw" and self.step in due:
             self._index = video_index(self.average, self._frames, self._frames[0, 0], self.device)
 
     def state(self) -> dict[str, Any]:
-        """Everything that decides how training goes on, as a tree of arrays and numbers."""
+        """The complete state that determines the rest of training, as a tree of arrays and numbers."""
         return {
             "step": self.step,
             **({} if self._index is None else {"index": self._index}),
@@ -209,7 +213,7 @@ class TranslatorTraining:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Put `state` back, bit for bit."""
+        """Restore a state returned by `state`, bit for bit."""
         self.step = state["step"]
         self._index = state.get("index")
         self.model.load_state_dict(from_tree(state["model"]))
@@ -218,7 +222,10 @@ class TranslatorTraining:
 
 
 def on_gpu(frames: Tensor, device: str) -> Tensor:
-    """The training videos in the memory of the GPU, if `device` is one and they fit well; else as they are."""
+    """Move the training videos to GPU memory if `device` is a GPU and they need at most GPU_SHARE of its free memory.
+
+    Otherwise, the videos are returned unchanged.
+    """
     if device.startswith("cuda") and frames.nbytes <= GPU_SHARE * torch.cuda.mem_get_info(device)[0]:
         return frames.to(device)
     return frames
@@ -231,20 +238,24 @@ def train(
     out: Path,
     checkpoints: Checkpoints,
 ) -> dict[str, list[float]]:
-    """Train to the last step, from the checkpoint if the run resumes one.
+    """Train up to the last step, starting from the checkpoint if the run resumes one.
 
-    Of several processes, the main one alone evaluates and keeps checkpoints and the curve.
+    If there are several processes, only the main one evaluates and keeps the checkpoints and the curve.
 
     Args:
-        evaluate: Maps the averaged network to held-out metrics.
+        training: State of the training run.
+        evaluate: Function from the averaged network to held-out metrics.
+        run: Options of the run.
+        out: Path of the output artifact.
+        checkpoints: Checkpoints of the run.
 
     Returns:
-        The curve: one value an evaluation of `step`, of `seconds` since the one before (the evaluation included), of
-        the training losses and of each held-out metric.
+        The curve, with one value per evaluation: `step`, `seconds` since the previous evaluation (including this
+        evaluation), the training losses and each held-out metric.
 
     Raises:
-        Interrupted: By the keyboard; the checkpoint was kept.
-        UsageError: Where it is measured, the training has diverged.
+        Interrupted: The user interrupted the run; the checkpoint is kept.
+        UsageError: Training diverged: a loss is NaN or infinite at an evaluation.
     """
     config = training.config
     curve: dict[str, list[float]] = {}
@@ -257,15 +268,15 @@ def train(
     held = {name: values[-1] for name, values in curve.items() if name.startswith("held_out/")}
 
     def spent() -> float:
-        """Seconds since the last evaluation, those before a resumed run's checkpoint included."""
+        """Seconds since the last evaluation, including the time before the checkpoint of a resumed run."""
         return before + time.monotonic() - since
 
     def measure(losses: dict[str, Tensor]) -> None:
         nonlocal before, since
         if not all(math.isfinite(value) for value in losses.values()):
             raise UsageError(
-                f"--learning-rate {config.learning_rate:g}: after {training.step} steps the losses are no finite "
-                "numbers any more: train with a lower one"
+                f"--learning-rate {config.learning_rate:g}: after {training.step} steps, a loss is NaN or infinite; "
+                "use a lower learning rate"
             )
         held.update({f"held_out/{name}": value for name, value in evaluate(training.average).items()})
         times = {"step": float(training.step), "seconds": spent()}
@@ -303,5 +314,5 @@ def train(
 
 
 def held_out_count(demonstrations: int, wanted: int) -> int:
-    """Demonstrations never trained on, the file's last: `wanted`, but at most a fifth and at least two."""
+    """Number of held-out demonstrations, the last ones of the file: `wanted`, but at most a fifth and at least two."""
     return max(min(wanted, demonstrations // 5), 2)
