@@ -1,10 +1,11 @@
-"""GAIL and third-person imitation (TPIL) on images: a discriminator learns to tell the learner from the expert.
+"""GAIL and third-person imitation learning (TPIL) on images: a discriminator learns to classify expert and learner.
 
-GAIL (Ho and Ermon, 2016) sees pairs of frames two apart; it knows nothing of contexts, so that where the expert was
-filmed in others it can tell the two apart without looking at what they do. TPIL (Stadie, Abbeel and Sutskever, 2017)
-sees frames three apart through features that a second head, behind a gradient reversal, must not tell the context
-from; so that "expert" does not mean "another context", it also learns from videos of somebody unskilled in the
-demonstrations' contexts.
+The discriminator of GAIL (Ho and Ermon, 2016) observes pairs of frames two frames apart. It does not account for
+contexts: if the expert was recorded in other contexts, it can identify the expert by the context instead of the
+behavior. The discriminator of TPIL (Stadie, Abbeel and Sutskever, 2017) observes pairs of frames three frames apart.
+A second head with gradient reversal trains its features to contain no information about the context. So that "expert"
+does not become equivalent to "other context", TPIL also learns from videos of unskilled behavior in the contexts of the
+demonstrations.
 """
 
 from __future__ import annotations
@@ -27,19 +28,19 @@ from stages.simulation.render import RenderPool
 from stages.simulation.task import Task
 from stages.translation.networks import to_images
 
-BATCH = 64  # pairs of frames of each source, a step
-REMEMBERED = 4  # iterations whose frames of the learner the discriminator learns from
-CLIP = 5.0  # logits beyond this say no more
-DOMAIN_WEIGHT = 0.5  # of the domain head's loss beside the expert head's
+BATCH = 64  # pairs of frames per source and step
+REMEMBERED = 4  # number of recent iterations whose learner frames train the discriminator
+CLIP = 5.0  # logits are clipped to [-CLIP, CLIP]
+DOMAIN_WEIGHT = 0.5  # weight of the domain head's loss relative to the expert head's loss
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """How a discriminator learns.
+    """Training schedule of a discriminator.
 
     Attributes:
-        steps: Optimiser steps after each of the learner's iterations.
-        rate: Adam's learning rate.
+        steps: Optimizer steps after each iteration of the learner.
+        rate: Learning rate of Adam.
     """
 
     steps: int
@@ -47,12 +48,12 @@ class Schedule:
 
 
 class AdversarialReward(FrameReward):
-    """Reward of n simulations: the logit of a pair of frames being the expert's, log D - log(1 - D), in [-5, 5].
+    """Reward of n simulations: the logit log D - log(1 - D) that a pair of frames is the expert's, in [-5, 5].
 
-    The discriminator learns between the learner's iterations, and judges with weights that stand still during one.
+    The discriminator is trained between iterations of the learner. During an iteration, its weights are fixed.
     """
 
-    lag: int  # frames between the two of a pair
+    lag: int  # distance between the two frames of a pair, in frames
 
     def __init__(
         self,
@@ -64,7 +65,7 @@ class AdversarialReward(FrameReward):
         seed: int,
         device: str = "cpu",
     ):
-        """Learn to tell frames of `context` from those of `experts` (N, T, H, W, 3), uint8."""
+        """Discriminate frames rendered in `context` from the videos `experts` (N, T, H, W, 3), uint8."""
         super().__init__(task, context, pool)
         self._experts, self._schedule, self._seed, self._device = experts, schedule, seed, device
         with torch.random.fork_rng(devices=[]):
@@ -79,11 +80,11 @@ class AdversarialReward(FrameReward):
 
     @abstractmethod
     def make(self, size: tuple[int, int]) -> nn.Module:
-        """A fresh discriminator of frames of `size` (H, W)."""
+        """Make a new discriminator for frames of `size` (H, W)."""
 
     @abstractmethod
     def loss(self, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
-        """The loss of one step, and the expert head's logits (B,), those of BATCH of the expert's pairs first."""
+        """Loss of one step and logits (B,) of the expert head, of which the first BATCH are for expert pairs."""
 
     @torch.no_grad()
     def judge(self, frame: int, drawn: np.ndarray) -> np.ndarray:
@@ -93,21 +94,21 @@ class AdversarialReward(FrameReward):
         return logits.clamp(-CLIP, CLIP).double().cpu().numpy()
 
     def images(self, frames: np.ndarray) -> Tensor:
-        """Frames (n, H, W, 3), uint8 -> images (n, 3, H, W)."""
+        """Convert uint8 frames (n, H, W, 3) to images (n, 3, H, W)."""
         return to_images(torch.from_numpy(np.ascontiguousarray(frames)).to(self._device))
 
     def pairs(self, rng: np.random.Generator, videos: np.ndarray) -> tuple[Tensor, Tensor]:
-        """A batch of pairs of frames (BATCH, 3, H, W) from videos (N, T, H, W, 3), whose frame 0 is never shown."""
+        """Draw a batch of pairs of images (BATCH, 3, H, W) from videos (N, T, H, W, 3), without their frame 0."""
         chosen = rng.integers(len(videos), size=BATCH)
         after = rng.integers(1, videos.shape[1], size=BATCH)
         return self.images(videos[chosen, np.maximum(after - self.lag, 1)]), self.images(videos[chosen, after])
 
     def learner_pairs(self, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
-        """As `pairs`, from what the learner did lately."""
+        """Draw a batch of pairs, as `pairs` does, from the learner's recent frames."""
         return self.pairs(rng, self._memory[rng.integers(len(self._memory))])
 
     def iterate(self) -> None:
-        """End an iteration of the learner: remember its frames, and learn to tell them from the expert's."""
+        """End an iteration of the learner: remember its frames, then train the discriminator."""
         first = next(iter(self._running.values()))
         seen = np.stack([self._running.get(frame, first) for frame in range(self._task.frames)], axis=1)
         self._memory = [*self._memory, seen][-REMEMBERED:]
@@ -126,7 +127,7 @@ class AdversarialReward(FrameReward):
         self._right = float(np.mean(right))
 
     def terms(self) -> dict[str, float]:
-        """The mean return, and `told`: the share of pairs that the discriminator got right when it last learned."""
+        """Mean return, and `told`: accuracy of the discriminator on pairs during its last training."""
         return {**super().terms(), "told": self._right}
 
     def state(self) -> dict[str, Any]:
@@ -146,7 +147,7 @@ class AdversarialReward(FrameReward):
 
 
 class GailReward(AdversarialReward):
-    """GAIL on pairs of frames two apart, as the paper ran it."""
+    """GAIL on pairs of frames two frames apart, as in the paper."""
 
     lag = 2
 
@@ -160,12 +161,12 @@ class GailReward(AdversarialReward):
 
 
 class TpilReward(AdversarialReward):
-    """TPIL on pairs of frames three apart; needs videos of somebody unskilled in the demonstrations' contexts."""
+    """TPIL on pairs of frames three frames apart; needs unskilled videos in the contexts of the demonstrations."""
 
     lag = 3
 
     def __init__(self, *arguments: Any, unskilled: np.ndarray, **options: Any):
-        """As `AdversarialReward`; `unskilled` are videos (M, T, H, W, 3), uint8, like the experts' but unskilled."""
+        """Extend `AdversarialReward` by videos `unskilled` (M, T, H, W, 3), uint8, of unskilled behavior."""
         super().__init__(*arguments, **options)
         self._unskilled = unskilled
 
@@ -176,7 +177,7 @@ class TpilReward(AdversarialReward):
         sources = self.pairs(rng, self._experts), self.pairs(rng, self._unskilled), self.learner_pairs(rng)
         before, after = (torch.cat(frames) for frames in zip(*sources, strict=True))
         expert, domain = self._model.both(before, after)  # type: ignore[operator]
-        # Frames of the demonstrations' contexts come first; two of them to one of the learner's.
+        # Frames from the demonstrations' contexts come first, and there are twice as many of them as of the learner.
         learner = (torch.arange(len(before), device=before.device) >= 2 * BATCH).float().repeat(2)
         told = F.binary_cross_entropy_with_logits(domain, learner, weight=1 + learner)
         return expert_loss(expert, BATCH) + DOMAIN_WEIGHT * told, expert

@@ -1,8 +1,8 @@
-"""Discriminators of GAIL and of third-person imitation learning (TPIL), on images.
+"""Discriminators of GAIL and third-person imitation learning (TPIL) on images.
 
-Their encoders have the size of the translator's: a baseline is to lose for what it cannot know, not for being small.
-Spectral norms keep them smooth, without which an image discriminator soon tells all of the learner's frames from all
-of the expert's and its reward leads nowhere.
+Their encoders are as large as the encoder of the translator, so that the comparison with these baselines is fair.
+Spectral normalization keeps the discriminators smooth. Without it, an image discriminator soon separates all learner
+frames from all expert frames, and its reward becomes uninformative.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ FEATURES = 256
 
 
 class Encoder(nn.Sequential):
-    """Images (B, C, H, W) -> features (B, 256): the compact translator's Enc1, under spectral norms."""
+    """Encoder of images (B, C, H, W) to features (B, 256): Enc1 of the compact translator, spectrally normalized."""
 
     def __init__(self, channels: int, size: tuple[int, int], fine: int = 64, coarse: int = 128):
         rows, columns = ((length // 4 + 1) // 2 for length in size)
@@ -37,7 +37,7 @@ class Encoder(nn.Sequential):
 
 
 class _Reversal(torch.autograd.Function):
-    """The identity, whose gradient is turned round (Ganin and Lempitsky, 2015)."""
+    """Gradient reversal: identity whose gradient is multiplied by -1 (Ganin and Lempitsky, 2015)."""
 
     @staticmethod
     def forward(ctx: Any, x: Tensor) -> Tensor:
@@ -49,7 +49,7 @@ class _Reversal(torch.autograd.Function):
 
 
 class GailDiscriminator(nn.Module):
-    """Is this pair of frames the expert's? Sees both frames at once."""
+    """GAIL's classifier of pairs of frames as expert or learner; its encoder observes both frames together."""
 
     def __init__(self, size: tuple[int, int]):
         super().__init__()
@@ -57,12 +57,12 @@ class GailDiscriminator(nn.Module):
         self.expert = spectral_norm(nn.Linear(FEATURES, 1))
 
     def forward(self, before: Tensor, after: Tensor) -> Tensor:
-        """Logits (B,) of pairs of frames (B, 3, H, W)."""
+        """Logits (B,) that pairs of frames (B, 3, H, W) are the expert's."""
         return self.expert(self.encoder(torch.cat([before, after], dim=1)))[:, 0]
 
 
 class TpilDiscriminator(nn.Module):
-    """Is this pair of frames the expert's, told from features that do not tell whose context they are from?"""
+    """TPIL's classifier of pairs of frames as expert or not, from features that are invariant to the context."""
 
     def __init__(self, size: tuple[int, int], hidden: int = 128):
         super().__init__()
@@ -73,13 +73,13 @@ class TpilDiscriminator(nn.Module):
         self.domain = nn.Sequential(nn.Linear(FEATURES, hidden), nn.LeakyReLU(LEAK), nn.Linear(hidden, 1))
 
     def forward(self, before: Tensor, after: Tensor) -> Tensor:
-        """Logits (B,) of pairs of frames (B, 3, H, W) being the expert's."""
+        """Logits (B,) that pairs of frames (B, 3, H, W) are the expert's."""
         return self.expert(torch.cat([self.encoder(before), self.encoder(after)], dim=1))[:, 0]
 
     def both(self, before: Tensor, after: Tensor) -> tuple[Tensor, Tensor]:
-        """Logits (B,) of pairs being the expert's, and (2B,) of single frames being from the learner's context.
+        """Logits (B,) that pairs are the expert's, and (2B,) that single frames are from the learner's context.
 
-        The second's gradient is turned round on its way into the encoder, which so learns to hide the context.
+        The gradient of the latter is reversed before the encoder, which thus learns to remove the context.
         """
         features = self.encoder(torch.cat([before, after]))
         one, other = features.chunk(2)
@@ -88,11 +88,11 @@ class TpilDiscriminator(nn.Module):
 
 
 def expert_loss(logits: Tensor, experts: int) -> Tensor:
-    """Binary cross-entropy of logits (B,) whose first `experts` are the expert's; both classes weigh the same."""
+    """Binary cross-entropy of logits (B,), of which the first `experts` are the expert's; classes weigh equally."""
     own, others = F.softplus(-logits[:experts]).mean(), F.softplus(logits[experts:]).mean()
     return 0.5 * (own + others)
 
 
 def frozen(model: nn.Module) -> nn.Module:
-    """A copy for judging: spectral norms are taken as they stand, and no gradients are kept."""
+    """Copy a discriminator for evaluation: spectral norms are not updated, and no gradients are stored."""
     return copy.deepcopy(model).eval().requires_grad_(False)

@@ -1,4 +1,4 @@
-"""The reward that learn-policy learns from; what it is made from is found through the translation's lineage."""
+"""Construction of the reward for learn-policy; its inputs are found through the lineage of the translation."""
 
 from __future__ import annotations
 
@@ -18,25 +18,31 @@ if TYPE_CHECKING:
     from stages.simulation.render import RenderPool
     from stages.translation.networks import Translator
 
-EXPERTS = 1024  # demonstrations that a discriminator sees
-TRACKED = 128  # demonstrations whose pretrained features are averaged
-EXAMPLES = 32  # of these, from which guided policy search's principal components are made
-COMPONENTS = 100  # of them, at most, as in the paper (Sec. VI.D.1)
-UNSKILLED = 256  # videos of random actions that TPIL learns from
+EXPERTS = 1024  # maximum number of demonstrations for a discriminator
+TRACKED = 128  # maximum number of demonstrations whose pretrained features are averaged
+EXAMPLES = 32  # number of these demonstrations used for the principal components for guided policy search
+COMPONENTS = 100  # maximum number of principal components, as in the paper (Sec. VI.D.1)
+UNSKILLED = 256  # number of videos of random actions for TPIL
 
 
 def make_reward(
     config: PolicyConfig, task: Task, source: Artifact, contexts: Contexts, workers: int, seed: int, device: str
 ) -> Any:
-    """The reward that `config` names, in the learner's `contexts` (leading axis 1).
+    """Make the reward selected by `config` in the learner's `contexts` (leading axis 1).
 
     Args:
+        config: Configuration of learn-policy.
+        task: The learner's task.
         source: The translation.
+        contexts: The learner's context.
+        workers: Number of render processes.
+        seed: Seed of the run.
+        device: Torch device.
 
     Raises:
-        ArtifactError: A file behind the translation, that the reward is made from, is missing.
-        PlatformError: A package that the reward needs is missing.
-        UsageError: An option of the reward makes no sense.
+        ArtifactError: An input of the reward in the lineage of the translation is missing.
+        PlatformError: A package that the reward needs is not installed.
+        UsageError: An option of the reward is invalid.
     """
     from stages.rewards.joints import JointsReward
     from stages.rewards.state import GoalReward, OracleReward
@@ -81,7 +87,7 @@ def _translation(
     device: str,
     ramp: str,
 ) -> Any:
-    """Tracking of the translation, or of the true expert's video as a perfect one."""
+    """The reward for tracking the translation, or the true expert video as a perfect translation."""
     from stages.rewards.negatives import NegativeTuning
     from stages.rewards.tracking import TrackingTarget
     from stages.rewards.translation import BatchTranslationReward
@@ -89,8 +95,8 @@ def _translation(
 
     if config.reward == "video" and "expert_frames" not in source:
         raise ArtifactError(
-            f"{source.path} holds no video of the expert in this context, expected one for --reward video; "
-            "translate again where the demonstrations' expert is at hand"
+            f"{source.path} contains no video of the expert in this context, which --reward video needs; "
+            "run `ifo translate` again while the expert's file is available"
         )
     expert = config.reward == "video"
     target = TrackingTarget.of(source, config.blur, device, expert)
@@ -116,10 +122,17 @@ def _projected(
     targets: tuple[TrackingTarget, TrackingTarget | None],
     ramp: str,
 ) -> Any:
-    """The tracking as a squared distance of some few numbers, for guided policy search.
+    """The tracking reward as a squared distance in a few dimensions, for guided policy search.
 
     Args:
-        targets: The coarse target, and the fine one, if there is one; without images there is nothing to blur.
+        config: Configuration of learn-policy.
+        task: The learner's task.
+        source: The translation.
+        contexts: The learner's context (leading axis 1).
+        pool: Render processes of the task.
+        model: The translator.
+        targets: Coarse target and optional fine target; only the coarse one is used without the image term.
+        ramp: Weighting of frames over time.
     """
     import torch
 
@@ -152,13 +165,13 @@ def _adversarial(
     seed: int,
     device: str,
 ) -> Any:
-    """GAIL's reward or TPIL's."""
+    """The reward of GAIL or TPIL."""
     from stages.rewards.adversarial import GailReward, Schedule, TpilReward
 
     demos = _demonstrations(source)
     schedule = Schedule(config.discriminator_steps, config.discriminator_rate)
     experts = _videos(demos, EXPERTS)
-    drawing = pool()  # Not before what may be missing has been read: it starts processes.
+    drawing = pool()  # Starts processes, so all files that may be missing are read first.
     given = (task, contexts, drawing, experts, schedule, seed, device)
     if config.reward == "gail":
         return GailReward(*given)
@@ -166,26 +179,28 @@ def _adversarial(
 
 
 def _demonstrations(source: Artifact) -> Artifact:
-    """The demonstrations behind a translation."""
+    """The demonstrations that a translation was made from."""
     return source.parent("translator", check=True).parent("demos", check=True)
 
 
 def _videos(demos: Artifact, most: int) -> np.ndarray:
-    """Demonstrations (N, T, H, W, 3), uint8: the first ones, `most` at most."""
+    """Videos (N, T, H, W, 3), uint8, of the first demonstrations, at most `most`."""
     return demos.read("frames", slice(most))
 
 
 def _contexts_like(task: Task, demos: Artifact, rng: np.random.Generator, n: int) -> Contexts:
-    """`n` contexts drawn as those of the demonstrations were; none of them is one of theirs, unless all have the same.
+    """Draw `n` contexts from the distribution of the demonstrations' contexts.
+
+    The contexts are new draws, unless all demonstrations have the same context.
 
     Raises:
-        ArtifactError: They were not filmed in simulated contexts.
+        ArtifactError: The demonstrations were not filmed in simulated contexts.
     """
     from stages.learners.demonstrators import IMPORTED, filmed_contexts
     from stages.simulation.registry import distribution, learner_context
 
     if demos.config.get("stage") == IMPORTED and task.demonstrator is None:
-        raise ArtifactError(f"{demos.path} was not filmed in simulated contexts: give --reward gail or translation")
+        raise ArtifactError(f"{demos.path} was not filmed in simulated contexts; use --reward gail or translation")
     drawn_from = distribution(*filmed_contexts(demos))
     context_seed = demos.config.get("context_seed", -1)
     if context_seed >= 0:
@@ -194,7 +209,7 @@ def _contexts_like(task: Task, demos: Artifact, rng: np.random.Generator, n: int
 
 
 def _unskilled(task: Task, demos: Artifact, pool: RenderPool, seed: int) -> np.ndarray:
-    """Videos (M, T, H, W, 3), uint8, of random actions in contexts like the demonstrations'."""
+    """Videos (M, T, H, W, 3), uint8, of random actions in contexts drawn as for the demonstrations."""
     from stages.simulation.batch import drawn_actions, held, rollout
 
     rng = generator(seed, "unskilled")
@@ -205,7 +220,7 @@ def _unskilled(task: Task, demos: Artifact, pool: RenderPool, seed: int) -> np.n
 
 
 def _kinesthetic(task: Task, demos: Artifact, seed: int) -> np.ndarray:
-    """Joint positions (T, nq) of one demonstration in a context like the demonstrations'."""
+    """Joint positions (T, nq) of one kinesthetic demonstration in a context drawn as for the demonstrations."""
     from stages.learners.demonstrators import demonstrator_of
 
     demonstrator = demonstrator_of(task, demos)

@@ -1,4 +1,4 @@
-"""What rewards have in common that look at the simulations' frames."""
+"""Common parts of rewards that are computed from rendered frames of the simulations."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from stages.simulation.task import State, Task
 
 
 class FrameReward(ABC):
-    """Base of rewards of n simulations in one fixed context; draws their frames and has them judged.
+    """Base class of rewards of n simulations in one fixed context; renders frames and evaluates them with `judge`.
 
-    The reward is given at the control steps whose state a frame shows; the first frame precedes every action and has
-    none. One term, unless a subclass reports more; nothing that learning changes, unless it overrides `iterate`,
-    `state` and `restore`.
+    The reward is nonzero only at control steps with a frame. The first frame precedes all actions and has no reward.
+    There is one term, `return`, unless a subclass adds others. A subclass whose reward changes during learning
+    overrides `iterate`, `state` and `restore`.
 
     Attributes:
-        frame_period: Control steps between two frames: how often the reward is given.
+        frame_period: Control steps between two frames, and thus between two rewards.
     """
 
     def __init__(self, task: Task, context: Contexts, pool: RenderPool):
-        """Draw `task` in `context` (leading axis 1)."""
+        """Render frames of `task` in `context` (leading axis 1) with `pool`."""
         self._task, self._pool = task, pool
         self.frame_period: int | None = task.frame_every
         self._fields = task.model_fields(context)
@@ -33,7 +33,7 @@ class FrameReward(ABC):
 
     @abstractmethod
     def judge(self, frame: int, drawn: np.ndarray) -> np.ndarray:
-        """Reward (n,) of the simulations' frames (n, H, W, 3), uint8, of frame index `frame` (1, 2, ..., T - 1)."""
+        """Rewards (n,) of the simulations' frames (n, H, W, 3), uint8, at frame index `frame` (1, 2, ..., T - 1)."""
 
     def __call__(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
         if step == 1:
@@ -46,7 +46,7 @@ class FrameReward(ABC):
         return reward
 
     def add(self, term: str, values: np.ndarray) -> None:
-        """Count `values` (n,) towards the mean return of a term."""
+        """Add the mean of `values` (n,) to the return of a term."""
         self._sums[term] = self._sums.get(term, 0.0) + float(values.mean())
 
     def terms(self) -> dict[str, float]:
@@ -54,31 +54,32 @@ class FrameReward(ABC):
         self._sums, self._episodes = {}, 0
         return means
 
-    def iterate(self) -> None:  # noqa: B027 - it need not change
-        """Change nothing."""
+    def iterate(self) -> None:  # noqa: B027 - optional for subclasses
+        """No-op."""
 
     def state(self) -> dict[str, Any]:
         return {}
 
-    def restore(self, state: dict[str, Any]) -> None:  # noqa: B027 - it need not have a state
-        """Restore nothing."""
+    def restore(self, state: dict[str, Any]) -> None:  # noqa: B027 - optional for subclasses
+        """No-op, because there is no state."""
 
     def close(self) -> None:
         self._pool.close()
 
 
 def tracking_cost(task: Task, targets: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Targets and cost weights of a `TrackingReward` whose reward of frame j is -weights[j] |z - targets[j]|^2.
+    """Targets and cost weights of a `TrackingReward` with reward -weights[j] |z - targets[j]|^2 at frame j.
 
-    Between two frames the target stays that of the frame last drawn, and costs nothing; nor does the first frame.
+    Between two frames, the target is that of the previous frame and the cost weight is zero. The first frame also has
+    cost weight zero.
 
     Args:
         task: The task.
-        targets: (T, m).
-        weights: (T,).
+        targets: Targets per frame (T, m).
+        weights: Weights per frame (T,).
 
     Returns:
-        Targets (control steps + 1, m) and weights (control steps + 1,).
+        Targets (control steps + 1, m) and cost weights (control steps + 1,).
     """
     shown = np.minimum(np.arange(task.control_steps + 1) // task.frame_every, task.frames - 1)
     cost_weights = np.zeros(task.control_steps + 1)
@@ -87,6 +88,6 @@ def tracking_cost(task: Task, targets: np.ndarray, weights: np.ndarray) -> tuple
 
 
 def time_weights(ramp: str, frames: int) -> np.ndarray:
-    """Weights (T,) of a video's frames in the reward: j^2, scaled to a mean of one, or ones."""
+    """Weights (T,) of frames j in the reward: j^2 scaled to a mean of one if `ramp` is "quadratic", else ones."""
     j = np.arange(frames, dtype=np.float64)
     return j**2 / np.mean(j**2) if ramp == "quadratic" else np.ones_like(j)

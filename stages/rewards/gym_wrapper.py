@@ -1,4 +1,4 @@
-"""The translation's reward on any Gymnasium environment that shows frames, for any library that learns there.
+"""The translation reward for any Gymnasium environment with frames, usable with any learning library.
 
 env = TranslationReward(gymnasium.make("ifo/Reach-v0", render_mode="rgb_array"), "runs/reach-c0.translation.h5")
 """
@@ -24,11 +24,11 @@ from stages.translation.networks import load_translator
 
 
 class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
-    """Replaces an environment's reward by that of tracking a translated video (Sec. V.A).
+    """Replaces the reward of an environment by the reward for tracking a translated video (Sec. V.A).
 
-    Frame j = 1 .. T-1 of the target is compared with what the environment shows after `j * frame_every` steps; all
-    other steps are rewarded by zero. `info` tells the environment's own reward, `env_reward`, and both terms,
-    `reward_feat` and `reward_img`, weighted as they enter the reward.
+    Frame j = 1 .. T-1 of the target is compared with the environment's frame after `j * frame_every` steps. At all
+    other steps, the reward is zero. `info` contains the environment's original reward, `env_reward`, and both weighted
+    terms of the reward, `reward_feat` and `reward_img`.
     """
 
     def __init__(
@@ -43,26 +43,27 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
         device: str = "cpu",
         pixels: str | None = None,
     ):
-        """Track the target of a translation, be its context simulated or an image.
+        """Track the target of a translation, whose context is either simulated or an image.
 
         Args:
-            env: Where to learn; it must show the translation's context.
-            translation: Path of the `translation` artifact; the translator that it names must be at hand.
+            env: Environment to learn in; its frames must show the context of the translation.
+            translation: Path of the `translation` artifact; the translator that it was made with must exist.
             frame_every: Steps between two frames (None: as in the task of the translation).
-            without: Terms to switch off, of `feat` and `img`.
-            image_weight: w_rec.
-            blur: Standard deviation, in pixels, of the Gaussian that R_img also compares images under.
-            ramp: Weight of a frame's reward over time: `none`, `quadratic`, or `task`, as the paper has it in the task.
+            without: Terms to switch off: `feat` or `img`.
+            image_weight: Weight w_rec of R_img (None: default of `ifo learn-policy`).
+            blur: Standard deviation, in pixels, of the Gaussian blur under which R_img also compares images (None:
+                default of `ifo learn-policy`).
+            ramp: Weighting of frames over time: `none`, `quadratic`, or `task` for the paper's choice for the task
+                (None: default of `ifo learn-policy`).
             device: `auto`, `cpu`, `cuda` or `cuda:N`.
-            pixels: Key of the observation that holds frames (H, W, 3), uint8. None: frames are drawn by `env.render`.
-                Frames larger than the translator's are reduced to its size by averaging over areas.
-
-        What is None of image_weight, blur and ramp is what `ifo learn-policy` would use.
+            pixels: Key of the observation with frames (H, W, 3), uint8 (None: frames are rendered by `env.render`).
+                Frames larger than those of the translator are reduced to its size by area averaging.
 
         Raises:
             ArtifactError: The translation or its translator is missing or damaged.
-            PlatformError: The device is not there.
-            UsageError: The environment shows no frames, or too small ones; a frame_every is needed.
+            PlatformError: The device is not available.
+            UsageError: The environment has no frames, or its frames are too small, or frame_every is missing, or
+                another argument is invalid.
         """
         RecordConstructorArgs.__init__(
             self,
@@ -88,7 +89,7 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
         self._check_shown()
         self._frame_every = _frame_every(source) if frame_every is None else frame_every
         if self._frame_every < 1:
-            raise UsageError(f"frame_every={frame_every}: expected 1 or more steps between two frames")
+            raise UsageError(f"frame_every={frame_every}: expected at least 1 step between two frames")
         self._reward = TrackingReward(
             load_translator(source.parent("translator", check=True), device),
             target,
@@ -99,16 +100,16 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
         )
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Start an episode, at frame 0 of the target."""
+        """Start an episode at frame 0 of the target."""
         observation, info = self.env.reset(seed=seed, options=options)
         self._step = 0
-        if not self._checked:  # What `render` returns shows only now; better than after the first action.
+        if not self._checked:  # Check the result of `render` here, the earliest point at which it is available.
             self._shown(observation)
             self._checked = True
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Take `action`; the reward is how well what is then shown follows the target."""
+        """Take `action` and return the reward for how closely the next frame follows the target."""
         observation, env_reward, terminated, truncated, info = self.env.step(action)
         self._step += 1
         frame, between = divmod(self._step, self._frame_every)
@@ -120,22 +121,22 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
         return observation, sum(terms.values()), terminated, truncated, info
 
     def _shown(self, observation: Any) -> np.ndarray:
-        """What the environment shows now, (H, W, 3) of the translator's size, uint8."""
+        """Current frame of the environment (H, W, 3), uint8, at the size of the translator's frames."""
         image: Any = self.env.render() if self._pixels is None else observation[self._pixels]
         if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-            raise UsageError("TranslationReward: the environment shows no RGB image, expected (H, W, 3) of uint8")
+            raise UsageError("TranslationReward: the environment returns no RGB image, expected uint8 of (H, W, 3)")
         self._check_size(image.shape)
         if image.shape[:2] == self._size:
             return np.ascontiguousarray(image)  # `render` may return a flipped view.
         return cv2.resize(image, self._size[::-1], interpolation=cv2.INTER_AREA)
 
     def _check_shown(self) -> None:
-        """Refuse environments without frames, as far as that can be told before the first episode."""
+        """Reject environments without frames, as far as this is possible before the first episode."""
         if self._pixels is None:
             if self.env.render_mode != "rgb_array":
                 raise UsageError(
                     f"TranslationReward: the environment's render_mode is {self.env.render_mode!r}, expected "
-                    "'rgb_array'; make it so, or name the key of its observations that holds frames by pixels="
+                    "'rgb_array'; create it with that render_mode, or set pixels= to the observation key with frames"
                 )
             return
         space = self.env.observation_space
@@ -145,10 +146,10 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
             if isinstance(part, gymnasium.spaces.Box) and part.dtype == np.uint8 and part.shape[2:] == (3,)
         }
         if self._pixels not in images:
-            there = f"keys with images are {', '.join(images)}" if images else "no key has images"
+            there = f"keys with images: {', '.join(images)}" if images else "no key has images"
             raise UsageError(
-                f"TranslationReward: pixels={self._pixels!r}: expected a key of a dict observation that holds images "
-                f"(H, W, 3) of uint8; here {there}"
+                f"TranslationReward: pixels={self._pixels!r}: expected a key of a dict observation with images "
+                f"(H, W, 3), uint8; {there}"
             )
         self._check_size(images[self._pixels])
 
@@ -156,12 +157,12 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
         if shape[0] < self._size[0] or shape[1] < self._size[1]:
             raise UsageError(
                 f"TranslationReward: the environment's frames have {shape[1]}x{shape[0]} pixels, expected "
-                f"{self._size[1]}x{self._size[0]}, the translator's, or more"
+                f"{self._size[1]}x{self._size[0]} (the translator's size) or more"
             )
 
 
 def _learning(source: Artifact) -> PolicyConfig:
-    """What learn-policy would use on this translation."""
+    """The default configuration of learn-policy for this translation."""
     from stages.simulation.registry import task_defaults
 
     preset, task = source.config.get("preset"), source.config.get("task") or ""
@@ -175,14 +176,14 @@ def _frame_every(source: Artifact) -> int:
 
     if not source.config.get("task"):
         raise UsageError(
-            f"TranslationReward: {source.path} is of no simulated task: say how many steps there are between two "
-            "frames by frame_every="
+            f"TranslationReward: {source.path} has no simulated task; set the number of steps between two frames with "
+            "frame_every="
         )
     return make_task(source.config["task"]).frame_every
 
 
 def _ramp(source: Artifact, ramp: str) -> str:
-    """`ramp`, or the task's own; none, where there is no simulated task."""
+    """Resolve `ramp`: "task" becomes the ramp of the task, or "none" if there is no simulated task."""
     from stages.simulation.registry import make_task
 
     if ramp not in RAMPS:
@@ -193,8 +194,12 @@ def _ramp(source: Artifact, ramp: str) -> str:
 
 
 def _without(without: Collection[str]) -> tuple[str, ...]:
-    """`without`, if it is a collection of terms that leaves one."""
+    """Check that `without` is a collection of terms that leaves at least one term.
+
+    Raises:
+        UsageError: A term is unknown, or none is left.
+    """
     terms = (without,) if isinstance(without, str) else tuple(without)
     if not set(terms) < set(REWARD_TERMS):
-        raise UsageError(f"TranslationReward: without={terms}: expected one of {', '.join(REWARD_TERMS)} at most")
+        raise UsageError(f"TranslationReward: without={terms}: expected at most one of {', '.join(REWARD_TERMS)}")
     return terms

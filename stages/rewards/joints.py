@@ -1,7 +1,7 @@
-"""Joint-angle tracking: what a robot learns from one kinesthetic demonstration, recorded in another context.
+"""Joint-angle tracking: learning from one kinesthetic demonstration that was recorded in a different context.
 
-The paper's baseline for the real tasks (Sec. VI.D): it fails where the task asks for other joint angles in the
-learner's context than in the demonstration's.
+This is the paper's baseline for the real tasks (Sec. VI.D). It fails if the task requires different joint angles in the
+learner's context than in the context of the demonstration.
 """
 
 from __future__ import annotations
@@ -15,13 +15,14 @@ from stages.simulation.task import State, Task
 
 
 class JointsReward(StateReward):
-    """Minus the squared distance of the driven joints from the demonstration's at the same frame.
+    """Negative squared distance of the actuated joints from the demonstration at the same frame.
 
-    Divided by what the demonstration itself moves, summed over its frames: standing still returns about -1.
+    The distance is divided by the demonstration's squared motion summed over its frames, so that the return of standing
+    still is about -1.
     """
 
     def __init__(self, task: Task, demonstration: np.ndarray, ramp: str = "none"):
-        """Track `demonstration`, joint positions (T, nq) at the frames of a video, radians."""
+        """Track `demonstration`, joint positions (T, nq) at the frames of a video, in radians."""
         super().__init__(task)
         self._driven = task.posture
         self._target = demonstration[:, self._driven]

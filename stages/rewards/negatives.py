@@ -1,9 +1,10 @@
-"""Fine-tuning Enc1 on the learner's own frames.
+"""Fine-tuning of Enc1 on the learner's own frames.
 
-Enc1 has never seen what an unskilled policy does, and may rate it too kindly: the weak place that the paper names
-(Sec. V.A) and meets with R_img. Here the learner's frames are negatives (as in Rank2Reward and BootIfOL): the features
-learn to rank each of them behind translated demonstrations of the same time, by as much as its pixels are further from
-the target. A frame that looks like the target is no negative, so the ranking stays true while the policy gets better.
+Enc1 is not trained on frames of unskilled policies and may rate them too high. The paper names this weakness (Sec. V.A)
+and addresses it with R_img. Here, frames of the learner serve as negatives, as in Rank2Reward and BootIfOL. The
+features learn to rank each of them below translated demonstrations at the same time, with a margin equal to the
+difference of their pixel distances from the target. A frame that looks like the target is not a negative, so the
+ranking remains valid while the policy improves.
 """
 
 from __future__ import annotations
@@ -22,28 +23,28 @@ from stages.runtime.seeding import generator
 from stages.runtime.trees import from_tree, to_tree
 from stages.translation.networks import Translator, to_images
 
-BATCH = 64  # positives, and as many negatives, a step
-STEPS = 20  # of the optimiser, each time the features are tuned
+BATCH = 64  # positives per step; the number of negatives is the same
+STEPS = 20  # optimizer steps per tuning
 LEARNING_RATE = 1e-4
-KEEP = 1.0  # weight of what keeps the features of demonstrations where they were
-SEEN = 8  # of the learner's frames kept, of each time and episode batch
-CAPACITY = 64  # of the learner's frames kept, of each time: the oldest make way
+KEEP = 1.0  # weight of the penalty on changes of the features of demonstrations
+SEEN = 8  # maximum number of learner frames stored per time and batch of episodes
+CAPACITY = 64  # maximum number of learner frames stored per time; new frames replace the oldest
 
 
 @dataclass(frozen=True)
 class Judged:
-    """Squared distances (B,) from the target of their time, over the mean a frame of what demonstrations move."""
+    """Squared distances (B,) from the target at the same time, divided by the demonstrations' mean motion per frame."""
 
     features: Tensor
     pixels: Tensor
 
 
 class NegativeTuning:
-    """Keeps the learner's frames and tunes a copy of the translator's Enc1 on them.
+    """Stores frames of the learner and tunes a copy of the translator's Enc1 on them.
 
     Attributes:
-        model: The network whose `encode` is tuned.
-        every: Iterations of the learner between tunings.
+        model: Network whose `encode` is tuned.
+        every: Number of learner iterations between tunings.
     """
 
     def __init__(
@@ -61,16 +62,16 @@ class NegativeTuning:
         self._iteration = 0
 
     def see(self, frame: int, images: np.ndarray) -> None:
-        """Keep some of the learner's images (n, H, W, 3), uint8, of frame index `frame`."""
+        """Store some of the learner's images (n, H, W, 3), uint8, at frame index `frame`."""
         for image in images[np.linspace(0, len(images) - 1, min(SEEN, len(images))).astype(int)]:
             self._seen[frame, self._counts[frame] % CAPACITY] = image
             self._counts[frame] += 1
 
     def iterate(self) -> float:
-        """End an iteration of the learner, and tune if it is time.
+        """End an iteration of the learner, and tune the features if tuning is due.
 
         Returns:
-            The share of pairs of a demonstration's frame and a negative that the features ranked rightly (before).
+            The share of pairs of demonstration frame and negative that the features rank correctly, before tuning.
         """
         rng = generator(self._seed, "negatives", self._iteration)
         self._iteration += 1
@@ -84,7 +85,7 @@ class NegativeTuning:
         return ranked
 
     def _batch(self, rng: np.random.Generator) -> tuple[Tensor, Tensor, Tensor]:
-        """Times (B,), positives and negatives (B, 3, H, W) of those times."""
+        """Draw times (B,), and positives and negatives (B, 3, H, W) at these times."""
         times = rng.choice(np.flatnonzero(self._counts), BATCH)
         positives = self._positives[rng.integers(len(self._positives), size=BATCH), times]
         negatives = self._seen[times, rng.integers(np.minimum(self._counts[times], CAPACITY))]
@@ -98,7 +99,10 @@ class NegativeTuning:
         return Judged(frames * features, frames * pixels)
 
     def _gap(self, times: Tensor, positives: Tensor, negatives: Tensor) -> Tensor:
-        """How much further negatives are than positives in features (B,); 0 < gap is right where pixels agree."""
+        """Feature distances of negatives minus those of positives, for pairs with the farther pixels in the negative.
+
+        Positive gaps are correct rankings.
+        """
         good, bad = self._judge(times, positives), self._judge(times, negatives)
         further = bad.pixels > good.pixels
         return (bad.features - good.features)[further]
@@ -107,7 +111,7 @@ class NegativeTuning:
         times, positives, negatives = self._batch(rng)
         good, bad = self._judge(times, positives), self._judge(times, negatives)
         margin = (bad.pixels - good.pixels).clamp_min(0.0)
-        # Nothing is asked of a negative whose pixels are as near the target as the demonstration's.
+        # A negative whose pixels are as close to the target as those of the demonstration has margin zero.
         ranking = F.relu(margin - (bad.features - good.features)).mean()
         with torch.no_grad():
             before = self._original.encode(positives)
@@ -115,7 +119,7 @@ class NegativeTuning:
         return ranking + KEEP * moved * (len(self._seen) / self._target.feature_scale)
 
     def state(self) -> dict[str, Any]:
-        """Everything that decides how tuning goes on, as a tree of arrays and numbers."""
+        """The complete state that determines the rest of tuning, as a tree of arrays and numbers."""
         return {
             "model": to_tree(self.model.state_dict()),
             "optimiser": to_tree(self._optimiser.state_dict()),
@@ -125,7 +129,7 @@ class NegativeTuning:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Put `state` back, bit for bit."""
+        """Restore a state returned by `state`, bit for bit."""
         self.model.load_state_dict(from_tree(state["model"]))
         self._optimiser.load_state_dict(from_tree(state["optimiser"]))
         self._seen, self._counts = np.array(state["seen"]), np.array(state["counts"])

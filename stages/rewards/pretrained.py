@@ -1,7 +1,7 @@
-"""The paper's baseline without translation: track features of a network that was trained on ImageNet (Sec. VI.B).
+"""The paper's baseline without translation: tracking of features of a network pretrained on ImageNet (Sec. VI.B).
 
-R(o_t) = -w_t / T mean_d ((phi_d(o_t) - mu_td) / sigma_td)^2, with mean mu and spread sigma over the demonstrations,
-taken at the same time in their own contexts, and the ramp's weight w_t.
+R(o_t) = -w_t / T mean_d ((phi_d(o_t) - mu_td) / sigma_td)^2, where mu and sigma are mean and standard deviation over
+the demonstrations at the same time in their own contexts, and w_t is the weight of the ramp.
 """
 
 from __future__ import annotations
@@ -21,20 +21,21 @@ from stages.simulation.render import RenderPool
 from stages.simulation.task import Task
 from stages.translation.networks import to_images
 
-CHUNK = 50  # frames at a time
-LEAST_SPREAD = 0.1  # of a layer's mean spread: what a feature that hardly varies is divided by at least
-HELD_OUT = 0.25  # share of the demonstrations that layers are compared on
+CHUNK = 50  # frames processed at once
+LEAST_SPREAD = 0.1  # minimum spread of a feature, relative to the mean spread of its layer
+HELD_OUT = 0.25  # share of the demonstrations held out for comparing layers
 
 
 @dataclass(frozen=True)
 class FeatureTrack:
-    """What to track in one layer.
+    """Target of the tracking in one layer.
 
     Attributes:
-        layer: Its name.
-        mean: Features' mean over demonstrations (T, D).
-        spread: Their standard deviation (T, D), floored.
-        quality: Held-out error over held-out motion: below one, the target says more than standing still does.
+        layer: Name of the layer.
+        mean: Mean of the features over demonstrations (T, D).
+        spread: Standard deviation of the features over demonstrations (T, D), with a lower limit.
+        quality: Held-out tracking error divided by held-out motion; below one, the target is better than standing
+            still.
     """
 
     layer: str
@@ -43,18 +44,20 @@ class FeatureTrack:
     quality: float
 
     def error(self, features: Tensor, frames: int | Tensor) -> Tensor:
-        """Mean squared distances (B,) of features (B, D) from the track at frame indices, in spreads."""
+        """Mean squared distances (B,) of features (B, D) from the track at frame indices, in units of the spread."""
         return ((features - self.mean[frames]) / self.spread[frames]).square().mean(dim=1)
 
 
 def track(network: PretrainedNetwork, videos: np.ndarray, layer: str, device: str) -> FeatureTrack:
-    """The track of `videos` (N, T, H, W, 3), uint8, in `layer`; "best": where it says most of videos held out.
+    """Compute the track of `videos` (N, T, H, W, 3), uint8, in `layer`.
+
+    With "best", the layer is the one with the lowest held-out tracking error relative to held-out motion.
 
     Raises:
-        UsageError: The network has no such layer.
+        UsageError: The network has no layer with this name.
     """
     if layer != "best" and layer not in network.pieces:
-        raise UsageError(f"--layer {layer}: {network.name} has best, {', '.join(network.pieces)}")
+        raise UsageError(f"--layer {layer}: for {network.name}, expected best, {', '.join(network.pieces)}")
     collected: dict[str, list[Tensor]] = {}
     frames = videos.reshape(-1, *videos.shape[2:])
     up_to = "" if layer == "best" else layer
@@ -68,7 +71,7 @@ def track(network: PretrainedNetwork, videos: np.ndarray, layer: str, device: st
 
 
 def _track(layer: str, features: Tensor) -> FeatureTrack:
-    """The track of all videos' features (N, T, D); its quality is that of one without the last quarter."""
+    """Track of the features (N, T, D) of all videos; its quality is measured by holding out the last quarter."""
     few = max(round(HELD_OUT * len(features)), 1)
     partial = _moments(layer, features[:-few], 0.0)
     held = features[-few:]
@@ -86,15 +89,17 @@ def _moments(layer: str, features: Tensor, quality: float) -> FeatureTrack:
 def embedded_track(
     network: PretrainedNetwork, videos: np.ndarray, target: FeatureTrack, device: str
 ) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray, np.ndarray]:
-    """The tracking for a learner of quadratic costs: features over their spread, which is the mean over time here.
+    """Embeddings for learners with quadratic costs: features divided by their mean spread over time.
 
     Args:
         network: The network.
         videos: Demonstrations (N, T, H, W, 3), uint8.
-        target: What is tracked.
+        target: Track to embed.
+        device: Torch device of the network.
 
     Returns:
-        A function from frames (n, H, W, 3) to embeddings (n, E); embeddings of the target (T, E), and of frames (M, E).
+        A function from frames (n, H, W, 3) to embeddings (n, E), the embeddings of the target (T, E), and the
+        embeddings of all frames of the demonstrations (M, E).
     """
     scale = target.spread.mean(dim=0) * target.mean.numel() ** 0.5  # The return is a mean over features and frames.
 
@@ -111,7 +116,7 @@ def embedded_track(
 
 
 class PretrainedReward(FrameReward):
-    """Reward of n simulations in one fixed context: how near their frames' features stay to the track."""
+    """Reward of n simulations in one fixed context for frames whose features are close to the track."""
 
     def __init__(
         self,
@@ -123,7 +128,7 @@ class PretrainedReward(FrameReward):
         ramp: str = "none",
         device: str = "cpu",
     ):
-        """Track `target` in features of `network`; `ramp` "quadratic" weights frame j by j^2, to a mean of one."""
+        """Track `target` in features of `network`; see `time_weights` for `ramp`."""
         super().__init__(task, context, pool)
         self._network, self._target, self._device = network, target, device
         self._weights = time_weights(ramp, task.frames)

@@ -1,15 +1,16 @@
-"""The translation's reward for a learner of quadratic costs: what it compares, as some few numbers to track.
+"""The translation reward in a low-dimensional form for learners with quadratic costs.
 
-Guided policy search has what it tracks in its state (Sec. V.B: 100 features), and fits linear dynamics to it from some
-dozen rollouts. So both terms of the reward, R_feat + w_rec R_img, are written as one squared distance: between vectors
-of features, pixels and blurred pixels, each divided by the root of its scale. Principal components of the translated
-demonstrations reduce these to `MOST` numbers at most, or to as few as hold `KEPT` of their variance. What robot and
-target differ in beyond those is one number more, its length, whose target is zero: objects that lie where no
-demonstration ever left one are seen by it alone. Far from the target, all sharp pixels lie there, and lead nowhere: so
-it weighs less (`BEYOND`) as long as a wide blur leads to the target, and in full, with a narrower blur, once the
-learner has come near (`finer`). With `--without img` the vector is the features' components alone, as in the paper.
+Guided policy search includes the tracked values in its state (100 features in Sec. V.B), and fits linear dynamics to
+them from about a dozen rollouts. Therefore both terms of the reward, R_feat + w_rec R_img, are written as one squared
+distance between vectors of features, pixels and blurred pixels, each divided by the square root of its scale. Principal
+components of the translated demonstrations reduce these vectors to at most `MOST` values, or to as few as contain
+`KEPT` of the variance. One more value is the length of the residual beyond the components, whose target is zero. Only
+the residual shows objects in places where no demonstration put them. Far from the target, all sharp pixels are in the
+residual and do not lead to the target. The residual therefore has a low weight (`BEYOND`) while a wide blur guides the
+learner, and full weight with a narrower blur once the learner is near the target (`finer`). With `--without img`, the
+vector contains only the components of the features, as in the paper.
 
-Between two frames the numbers stay those of the frame last drawn, and cost nothing.
+Between two frames, the tracked values are those of the previous frame, and the cost is zero.
 """
 
 from __future__ import annotations
@@ -28,22 +29,22 @@ from stages.simulation.render import RenderPool
 from stages.simulation.task import State, Task
 from stages.translation.networks import to_images
 
-MOST = 32  # components at most
-KEPT = 0.999  # of the variance of the translations and their mean: with .99, 5 components, reach ends farther off
-BEYOND = 0.25  # weight of what is beyond the components while the learner is far off
-TRANSLATIONS = 32  # of them at most, whose frames the components are those of
+MOST = 32  # maximum number of components
+KEPT = 0.999  # share of the variance to keep; with 0.99 (5 components), the final distance of reach is larger
+BEYOND = 0.25  # weight of the residual beyond the components while the learner is far from the target
+TRANSLATIONS = 32  # maximum number of translations for computing the components
 
 Embedding = Callable[[Tensor, Tensor], Tensor]
 
 
 class ProjectedTrackingReward(FrameReward):
-    """-w_j |z_j - z*_j|^2 of frame j, z being the principal components of the frame's embedding, and what is beyond.
+    """Reward -w_j |z_j - z*_j|^2 at frame j, where z are the principal components of its embedding and the residual.
 
     Attributes:
-        targets: z* of the frame last drawn, at every control step (control steps + 1, m).
-        cost_weights: Twice w_j at control steps that a frame shows but the first, else 0 (control steps + 1,).
-        finer: What to track once the target is near, or None.
-        components: How many of z are components.
+        targets: Targets z* of the last frame at each control step (control steps + 1, m).
+        cost_weights: Cost weights (control steps + 1,): 2 w_j at control steps with a frame, except the first, else 0.
+        finer: Reward to continue with once the target is near, or None.
+        components: Number of principal components in z.
     """
 
     def __init__(
@@ -63,15 +64,15 @@ class ProjectedTrackingReward(FrameReward):
 
         Args:
             task: The task.
-            context: The learner's.
-            pool: Draws.
-            embed: Maps frames (n, H, W, 3), uint8, to embeddings (n, E).
+            context: The learner's context.
+            pool: Render processes of the task.
+            embed: Function from frames (n, H, W, 3), uint8, to embeddings (n, E).
             target: Embeddings to track (T, E).
-            examples: Embeddings (M, E), whose principal components z is made of.
-            ramp: `quadratic` weights frame j by j^2, scaled to a mean of one.
-            most: Components at most.
-            beyond: Weight of how far the embedding is from the target's beyond the components; 0: it is not tracked.
-            finer: What to track once the target is near.
+            examples: Embeddings (M, E) for computing the principal components, together with the target.
+            ramp: Weighting of frames over time; see `time_weights`.
+            most: Maximum number of components.
+            beyond: Weight of the residual between embedding and target beyond the components; 0: it is not tracked.
+            finer: Reward to continue with once the target is near.
         """
         super().__init__(task, context, pool)
         self._embed = embed
@@ -84,7 +85,7 @@ class ProjectedTrackingReward(FrameReward):
         self._seen = np.empty((0, self._frame_targets.shape[1]))
 
     def _project(self, embeddings: np.ndarray, frame: int) -> np.ndarray:
-        """z (n, m) of embeddings (n, E) of frame `frame`."""
+        """Tracked values z (n, m) of embeddings (n, E) at frame index `frame`."""
         seen = (embeddings - self._centre) @ self._basis
         if not self._beyond:
             return seen
@@ -105,10 +106,10 @@ class ProjectedTrackingReward(FrameReward):
 
 
 def principal_components(examples: np.ndarray, most: int = MOST) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (E,) and orthonormal directions (E, m) of examples (M, E), strongest first; `most`, `KEPT` say how many."""
+    """Mean (E,) and principal directions (E, m) of examples (M, E), strongest first; `most` and `KEPT` limit m."""
     centre = examples.mean(axis=0)
     apart = examples - centre
-    # By way of the M x M matrix of products: there are fewer examples than pixels.
+    # Use the M x M Gram matrix, because there are fewer examples than pixels.
     strengths, mixtures = np.linalg.eigh(apart @ apart.T)
     strengths, mixtures = np.maximum(strengths[::-1], 0), mixtures[:, ::-1]
     held = np.cumsum(strengths) / max(float(strengths.sum()), 1e-300)
@@ -119,7 +120,7 @@ def principal_components(examples: np.ndarray, most: int = MOST) -> tuple[np.nda
 
 
 def embedding(target: TrackingTarget, without: tuple[str, ...], image_weight: float) -> Embedding:
-    """A function of features (n, D) and images (n, 3, H, W) to (n, E), in which distances are those of the reward."""
+    """Function from features (n, D) and images (n, 3, H, W) to vectors (n, E) whose distances give the reward."""
 
     def embed(features: Tensor, images: Tensor) -> Tensor:
         parts = [] if "feat" in without else [features / target.feature_scale**0.5]
@@ -131,7 +132,7 @@ def embedding(target: TrackingTarget, without: tuple[str, ...], image_weight: fl
 
 
 def embedded_translations(source: Artifact, embed: Embedding, target: TrackingTarget) -> tuple[np.ndarray, np.ndarray]:
-    """Embeddings of the target (T, E), and of frames of the translations that it is the mean of (M, E)."""
+    """Embeddings of the target (T, E) and of frames of the translations whose mean is the target (M, E)."""
     features = torch.from_numpy(source.read("features", slice(TRANSLATIONS))).flatten(0, 1)
     images = to_images(torch.from_numpy(source.read("images", slice(TRANSLATIONS)))).flatten(0, 1)
     device = target.features.device

@@ -1,4 +1,4 @@
-"""How good a tracking reward is, before any reinforcement learning: does it rank states and episodes by progress?"""
+"""Quality of a tracking reward before reinforcement learning: how well it ranks states and episodes by progress."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from stages.simulation.render import RenderPool
 from stages.simulation.task import State, Task
 from stages.translation.networks import Translator, to_images
 
-EPISODES = 8  # of each kind
-NOISE = (0.3, 0.6, 1.0)  # of the demonstrator's own noise, one episode in three each: what a noisy one's actions err by
-WAY = np.linspace(0.0, 1.0, 11)  # shares of the expert's own motion
-PROGRESS_DIGITS = 2  # progress is compared to a hundredth of the initial distance: less is trembling at the goal
+EPISODES = 8  # episodes per kind
+NOISE = (0.3, 0.6, 1.0)  # scales of the action noise in noisy episodes, relative to `noise`, used in turn
+WAY = np.linspace(0.0, 1.0, 11)  # shares of the expert's motion
+PROGRESS_DIGITS = 2  # progress is rounded to hundredths of the initial distance, to ignore trembling at the goal
 
 Act = Callable[[State, Contexts], np.ndarray]
 
 
 @dataclass(frozen=True)
 class Quality:
-    """What was measured.
+    """Measured quality of a reward.
 
     Attributes:
-        metrics: `tau_KIND`, Kendall's tau-b along an episode between nearness to the target's last frame and progress,
-            mean over episodes of the kind (expert, noisy, random); `tau_returns`, over all episodes, between the
-            return and the final distance; `tau_way`, between the return of a share of the expert's motion (of the
-            driven joints) and that share, from standing still to the whole: whether the reward leads there;
-            `return_KIND`, mean returns. The reward's ramp is the task's own. A tau is NaN where reward or progress
-            never changes.
-        curves: `KIND/feat`, `KIND/img`, rewards (n, T) of both terms; `KIND/distance` (n, T), normalised; `way/feat`,
-            `way/img`, rewards (11, T) of 0, .1, ... 1 of the expert's motion.
+        metrics: `tau_KIND`: Kendall's tau-b along an episode between progress and nearness to the last frame of the
+            target, mean over episodes of a kind (expert, noisy, random). `tau_returns`: tau-b over all episodes between
+            the return and the negative final distance. `tau_way`: tau-b between a share of the expert's motion (of the
+            actuated joints), from standing still to the complete motion, and its return; it shows whether the reward
+            leads along this motion. `return_KIND`: mean returns. Returns use the ramp of the task. A tau is NaN if
+            reward or progress never changes.
+        curves: `KIND/feat` and `KIND/img`: rewards (n, T) of both terms. `KIND/distance`: normalized distances (n, T).
+            `way/feat` and `way/img`: rewards (11, T) for shares 0, 0.1, ... 1 of the expert's motion.
     """
 
     metrics: dict[str, float]
@@ -59,17 +59,24 @@ def reward_quality(
     """Roll out the expert, a noisy expert and random actions in one context; compare rewards with true distances.
 
     Args:
-        context: The learner's context, leading axis 1.
-        begin: The expert's actions in contexts; with a generator, as they vary from one demonstration to the next.
-        image_weight: w_rec.
-        noise: Standard deviation of actions that spoil what the expert does.
+        task: The task.
+        context: The learner's context (leading axis 1).
+        begin: Function that returns the expert's actions in given contexts. With a generator, they vary between
+            demonstrations.
+        model: The translator.
+        target: Target of the reward.
+        pool: Render processes of the task.
+        rng: Generator for initial states, noise and random actions.
+        image_weight: Weight w_rec of R_img.
+        device: Torch device of the model and the target.
+        noise: Standard deviation of action noise with which the expert fails.
     """
     curves: dict[str, np.ndarray] = {}
     metrics: dict[str, float] = {}
     returns, outcomes = [], []
 
     def total(feat: np.ndarray, img: np.ndarray) -> np.ndarray:
-        """Returns (n,) of episodes whose terms are (n, T)."""
+        """Returns (n,) of episodes with terms (n, T)."""
         return ((feat + image_weight * img) * time_weights(task.ramp, task.frames))[:, 1:].sum(axis=1)
 
     contexts = repeat(context, EPISODES)
@@ -89,7 +96,7 @@ def reward_quality(
     part = np.repeat(path[:, :1], task.frames, axis=1).repeat(len(WAY), axis=0)
     driven = task.posture
     part[..., driven] += WAY[:, None, None] * (path - path[:, :1])[..., driven]
-    part[-1] = path[0]  # What motors do not drive moves with the whole motion alone.
+    part[-1] = path[0]  # Joints without motors move only in the complete motion.
     feat, img, _ = _rewards(task, context, part, model, target, pool, image_weight, device)
     curves |= {"way/feat": feat, "way/img": img}
     metrics["tau_way"] = _tau(total(feat, img), WAY)
@@ -98,7 +105,7 @@ def reward_quality(
 
 
 def _actors(task: Task, expert: Act, scale: float, rng: np.random.Generator) -> dict[str, Act]:
-    """The expert, a noisy one and random actions."""
+    """Actions of the expert, of a noisy expert, and random actions."""
     shape = (-(-task.control_steps // HELD), EPISODES, task.action_size)
     noise = held(rng.normal(size=shape) * np.resize(NOISE, EPISODES)[:, None] * scale, task)
     return {
@@ -119,7 +126,10 @@ def _rewards(
     image_weight: float,
     device: str,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """R_feat and R_img (n, T) of joint positions (n, T, nq) in one context, and their sum against the last target."""
+    """R_feat and R_img (n, T) for joint positions (n, T, nq) in one context, and the reward for the last target frame.
+
+    The last is the sum of both terms (n, T) with the last frame of the target as target at all times.
+    """
     frames = pool.render(task.model_fields(repeat(context, len(qpos))), qpos)
     feat, img, near = [], [], []
     for video in frames:
@@ -134,16 +144,16 @@ def _rewards(
 
 
 def _tau(reward: np.ndarray, progress: np.ndarray) -> float:
-    """Kendall's tau-b; NaN where one of the two never changes."""
+    """Kendall's tau-b of reward and rounded progress; NaN if one of them never changes."""
     return float(kendalltau(reward, np.round(progress, PROGRESS_DIGITS)).statistic)
 
 
 def _mean(values: list[float]) -> float:
-    """Mean of those that are numbers; NaN where none is."""
+    """Mean of all values that are not NaN; NaN if there are none."""
     numbers = [value for value in values if not np.isnan(value)]
     return float(np.mean(numbers)) if numbers else float("nan")
 
 
 def shown_tau(value: float) -> str:
-    """A tau as text."""
+    """Format a tau for messages."""
     return "undefined" if np.isnan(value) else f"{value:.2f}"

@@ -1,4 +1,4 @@
-"""Rewards that read the simulator's state."""
+"""Rewards computed from the state of the simulator."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from stages.simulation.task import State, Task
 
 
 class StateReward(ABC):
-    """Base of rewards that read the simulator's state: one term, nothing to free."""
+    """Base class of rewards computed from the state of the simulator, with a single term."""
 
-    frame_period: int | None = None  # No frames: the reward sees every state.
+    frame_period: int | None = None  # There are no frames; the reward observes every state.
 
     def __init__(self, task: Task):
         self._task = task
@@ -22,7 +22,7 @@ class StateReward(ABC):
 
     @abstractmethod
     def reward(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
-        """Reward (n,) of the action (n, nu) that led to `state`."""
+        """Rewards (n,) of the actions (n, nu) that led to `state`."""
 
     def __call__(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
         value = self.reward(step, state, action, contexts)
@@ -35,28 +35,28 @@ class StateReward(ABC):
         self._returns.clear()
         return {"return": total}
 
-    def iterate(self) -> None:  # noqa: B027 - it never changes
-        """Change nothing."""
+    def iterate(self) -> None:  # noqa: B027 - the reward never changes
+        """No-op."""
 
     def state(self) -> dict[str, Any]:
         return {}
 
-    def restore(self, state: dict[str, Any]) -> None:  # noqa: B027 - it has no state
-        """Restore nothing."""
+    def restore(self, state: dict[str, Any]) -> None:  # noqa: B027 - there is no state
+        """No-op, because there is no state."""
 
-    def close(self) -> None:  # noqa: B027 - nothing to free here, and nothing to demand of subclasses
-        """Free nothing."""
+    def close(self) -> None:  # noqa: B027 - optional for subclasses
+        """No-op, because there are no resources to free."""
 
 
 class ExpertReward(StateReward):
-    """The task's hand-written reward, that the experts learn from."""
+    """The hand-written reward of the task, for training experts."""
 
     def reward(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
         return self._task.expert_reward(state, action, contexts)
 
 
 class OracleReward(StateReward):
-    """The paper's oracle: the negative distance over the initial one, at the last step only (Sec. VI.B)."""
+    """The paper's oracle: the negative normalized final distance, only at the last step (Sec. VI.B)."""
 
     def __init__(self, task: Task):
         super().__init__(task)
@@ -65,7 +65,7 @@ class OracleReward(StateReward):
     def reward(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
         distance = self._task.distance(state, contexts)
         if step == 1:
-            # The start itself is not seen here: one control step later stands for it.
+            # The initial state is not available here, so the distance after one control step replaces it.
             self._distances = [distance]
         self._distances.append(distance)
         if step < self._task.control_steps:
@@ -75,17 +75,17 @@ class OracleReward(StateReward):
 
 
 class GoalReward(OracleReward):
-    """The oracle for a learner of quadratic costs: beside its return, the task's error as a vector, to track zero.
+    """The oracle for learners with quadratic costs; it also provides the task's error as a vector with target zero.
 
-    The cost is half the squared error over that of the context's own start, at every control step. A quadratic cost in
-    the last step alone would leave the way there to the penalty on actions.
+    At every control step, the cost is half the squared error divided by the squared error in the context's initial
+    state. With a quadratic cost only at the last step, just the action penalty would determine the motion before it.
     """
 
     def __init__(self, task: Task, contexts: Contexts):
-        """Measure the start of `contexts` (leading axis 1).
+        """Scale the cost by the error in the initial state of `contexts` (leading axis 1).
 
         Raises:
-            UsageError: The task defines no error.
+            UsageError: The task does not define `goal_error`.
         """
         from stages.simulation.batch import BatchSimulation
 

@@ -1,16 +1,16 @@
-"""The paper's reward: track the mean translated features and images (Sec. V.A).
+"""The paper's reward for tracking the mean translated features and images (Sec. V.A).
 
 R(o_t) = R_feat(o_t) + w_rec R_img(o_t), with
 R_feat(o_t) = -|Enc1(o_t) - mean_i F(o_t^i, o_0)|^2 and R_img(o_t) = -|o_t - mean_i M(o_t^i, o_0)|^2.
 
-The paper gives no scale, and sums over pixels run to thousands. Here each term is divided by how much the
-demonstrations themselves move: the sum over a video of its squared distance from its first frame, averaged over the
-demonstrations. An episode that stands still returns about -1 a term (of R_img with blur: -2, for it has two), one that
-follows the target about 0.
+The paper specifies no scale, and sums over pixels are in the thousands. Here, each term is divided by the motion of the
+demonstrations: squared distances from the first frame, summed over a video and averaged over the demonstrations. An
+episode that stands still has a return of about -1 per term (-2 for R_img with blur, which consists of two distances).
+An episode that follows the target has a return of about 0.
 
-R_img as the paper has it is flat wherever the robot's image does not overlap the target's: an arm two pixels wide that
-is five pixels off is as wrong as one on the other side of the table. So R_img here adds the same distance between
-images blurred by a few pixels, which grows with how far off the robot is.
+The paper's R_img is constant wherever the robot's image does not overlap the target's. For example, an arm that is two
+pixels wide and five pixels off gets the same reward as an arm on the other side of the table. Therefore, R_img here
+also includes the same distance between images blurred by a few pixels, which increases with the robot's distance.
 """
 
 from __future__ import annotations
@@ -26,19 +26,20 @@ from torch import Tensor
 from artifacts import Artifact
 from stages.translation.networks import Translator, to_images
 
-LEAST_MOTION = 0.003  # of what moves without blur: what a blurred target's own motion is taken to be at least
+LEAST_MOTION = 0.003  # minimum scale for blurred images, relative to the scale without blur
 
 
 @dataclass(frozen=True)
 class TrackingTarget:
-    """What to track.
+    """Target of the tracking reward.
 
     Attributes:
         features: Mean translated features (T, D).
         images: Mean translated images (T, 3, H, W), in [-1, 1].
-        feature_scale: What R_feat is divided by.
-        image_scale: What R_img is divided by.
-        blur: Standard deviation, in pixels, of the Gaussian that R_img also compares images under; none below .1.
+        feature_scale: Divisor of R_feat.
+        image_scale: Divisor of R_img.
+        blur: Standard deviation, in pixels, of the Gaussian blur under which R_img also compares images; below 0.1,
+            R_img does not compare blurred images.
     """
 
     features: Tensor
@@ -51,13 +52,14 @@ class TrackingTarget:
     def of(
         cls, source: Artifact | dict[str, np.ndarray], blur: float, device: str = "cpu", expert: bool = False
     ) -> TrackingTarget:
-        """The target that a `translation` artifact, or its arrays, hold.
+        """Load the target from a `translation` artifact.
 
         Args:
-            source: The artifact.
-            blur: As above.
+            source: The artifact, or its arrays by name.
+            blur: Standard deviation of the Gaussian blur, in pixels.
             device: Torch device.
-            expert: Track the expert's own video in the context, a perfect translation, which must be there.
+            expert: Whether to track the expert's video in this context, as a perfect translation; the artifact must
+                contain it.
         """
         features = torch.from_numpy(source["expert_features" if expert else "target_features"])
         if expert:
@@ -69,28 +71,31 @@ class TrackingTarget:
 
     @property
     def blurs(self) -> bool:
-        """Whether R_img compares blurred images, too."""
+        """Whether R_img also compares blurred images."""
         return self.blur >= 0.1
 
     @cached_property
     def _blurred(self) -> tuple[Tensor, float]:
-        """The blurred images (T, 3, H, W), and how much they move; a target that stands still is given a little."""
+        """Blurred images (T, 3, H, W) and their motion, with a lower limit for targets that hardly move."""
         blurred = gaussian(self.images, self.blur)
         return blurred, max(float(motion(blurred[None])), LEAST_MOTION * self.image_scale)
 
     def feature_error(self, features: Tensor, frames: int | Tensor) -> Tensor:
-        """Squared distances (B,) of features (B, D) from the target's at the index or indices `frames`, scaled."""
+        """Scaled squared distances (B,) of features (B, D) from the target at the frame index or indices `frames`."""
         return (features - self.features[frames]).square().sum(dim=1) / self.feature_scale
 
     def image_parts(self, images: Tensor) -> list[Tensor]:
-        """What `image_error` compares of images (B, 3, H, W): and with `blur` blurred ones, over scales' roots."""
+        """Images (B, 3, H, W) and, with `blur`, blurred images, divided by the square roots of their scales.
+
+        Squared distances between these parts sum to `image_error`.
+        """
         parts = [images / self.image_scale**0.5]
         if self.blurs:
             parts.append(gaussian(images, self.blur) / self._blurred[1] ** 0.5)
         return parts
 
     def image_error(self, images: Tensor, frames: int | Tensor) -> Tensor:
-        """Squared distances (B,) of images (B, 3, H, W) from the target's, scaled; with `blur`, of blurred ones too."""
+        """Scaled squared distances (B,) of images (B, 3, H, W) from the target; with `blur`, plus those under blur."""
         error = (images - self.images[frames]).square().sum(dim=(1, 2, 3)) / self.image_scale
         if self.blurs:
             blurred, scale = self._blurred
@@ -99,14 +104,14 @@ class TrackingTarget:
 
 
 def gaussian(images: Tensor, sigma: float) -> Tensor:
-    """Images (B, C, H, W) under a Gaussian of `sigma` pixels; borders are continued."""
+    """Blur images (B, C, H, W) with a Gaussian of standard deviation `sigma` pixels; border pixels are repeated."""
     height, width = (_blurring(size, sigma).to(images) for size in images.shape[-2:])
     return height @ images @ width.T
 
 
 @lru_cache(maxsize=8)
 def _blurring(size: int, sigma: float) -> Tensor:
-    """What a line of `size` pixels is multiplied by: at these sizes eight times as fast as a convolution."""
+    """Matrix that blurs a line of `size` pixels; at these sizes, it is eight times as fast as a convolution."""
     radius = math.ceil(3 * sigma)
     offsets = torch.arange(-radius, radius + 1)
     kernel = torch.exp(-offsets.double().square() / (2 * sigma**2))
@@ -116,20 +121,20 @@ def _blurring(size: int, sigma: float) -> Tensor:
 
 
 def motion(values: Tensor) -> Tensor:
-    """Squared distance from the first frame, summed over time: videos or their features (N, T, ...) -> (N,)."""
+    """Squared distances (N,) from the first frame, summed over time, of videos or features (N, T, ...)."""
     return (values - values[:, :1]).square().flatten(1).sum(dim=1)
 
 
 @dataclass(frozen=True)
 class TrackingReward:
-    """The reward of single frames.
+    """The reward for single frames.
 
     Attributes:
-        model: The network whose Enc1 makes the features.
-        target: What to track.
-        weights: Weight (T,) of each frame's reward.
-        image_weight: w_rec.
-        without: Terms that are switched off, of `feat` and `img`.
+        model: Network whose Enc1 computes the features.
+        target: Target to track.
+        weights: Weights (T,) of the frames.
+        image_weight: Weight w_rec of R_img.
+        without: Terms that are switched off: `feat` or `img`.
         device: Torch device of the model and the target.
     """
 
@@ -142,12 +147,12 @@ class TrackingReward:
 
     @property
     def terms(self) -> tuple[str, ...]:
-        """The terms that are not switched off."""
+        """Active terms of the reward."""
         return tuple(term for term in ("feat", "img") if term not in self.without)
 
     @torch.no_grad()
     def __call__(self, images: np.ndarray, frame: int) -> dict[str, np.ndarray]:
-        """Each term's weighted reward (n,) of images (n, H, W, 3), uint8, at the frame index `frame`."""
+        """Weighted rewards (n,) by term for images (n, H, W, 3), uint8, at frame index `frame`."""
         shown = to_images(torch.from_numpy(images).to(self.device))
         weight = float(self.weights[frame])
         rewards = {}

@@ -1,4 +1,4 @@
-"""The translation's reward (Sec. V.A) of simulations that step together: frames are drawn, encoded and compared."""
+"""The translation reward (Sec. V.A) for simulations that run in lockstep: frames are rendered, encoded and compared."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class BatchTranslationReward(FrameReward):
-    """The reward of n simulations in one fixed context; draws their frames and encodes them."""
+    """The translation reward of n simulations in one fixed context; renders their frames and encodes them."""
 
     def __init__(
         self,
@@ -33,10 +33,19 @@ class BatchTranslationReward(FrameReward):
         device: str = "cpu",
         tuning: NegativeTuning | None = None,
     ):
-        """Track `target` in `context` (leading axis 1); `without` switches off `feat` or `img`.
+        """Track `target` in `context` (leading axis 1).
 
-        `ramp` "quadratic" weights frame j by j^2, scaled to a mean of one. With `tuning`, the features are those of
-        its network, tuned on what the learner does.
+        Args:
+            task: The task.
+            context: The learner's context.
+            model: The translator.
+            target: Target to track.
+            pool: Render processes of the task.
+            without: Terms to switch off: `feat` or `img`.
+            image_weight: Weight w_rec of R_img.
+            ramp: Weighting of frames over time; see `time_weights`.
+            device: Torch device of the model and the target.
+            tuning: Fine-tuning on the learner's frames; its network then computes the features.
         """
         super().__init__(task, context, pool)
         self._tuning = tuning

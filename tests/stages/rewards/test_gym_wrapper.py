@@ -184,7 +184,7 @@ def test_a_spec_makes_the_same_environment_again(squares):
         ({}, {}, "frame_every="),
         ({}, {"frame_every": 0}, "frame_every=0"),
         ({"render_mode": None}, {"frame_every": 1}, "expected 'rgb_array'"),
-        ({}, {"frame_every": 1, "pixels": "place"}, "here keys with images are camera"),
+        ({}, {"frame_every": 1, "pixels": "place"}, "uint8; keys with images: camera"),
         ({}, {"frame_every": 1, "pixels": "eye"}, "pixels='eye'"),
         ({}, {"frame_every": 1, "ramp": "steep"}, "ramp='steep'"),
         ({}, {"frame_every": 1, "without": ("feat", "img")}, "without="),
