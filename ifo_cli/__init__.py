@@ -1,4 +1,4 @@
-"""The `ifo` command. Nothing heavy is imported before a command runs."""
+"""The `ifo` command. Heavy packages are imported only when a command runs."""
 
 from pathlib import Path
 

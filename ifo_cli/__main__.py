@@ -1,4 +1,4 @@
-"""`python -m ifo_cli`, which launchers of several processes start."""
+"""`python -m ifo_cli`, the entry point for launchers of several processes."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""`ifo check-task`: does a task keep the promises that every stage relies on?"""
+"""`ifo check-task`: check that a task meets every requirement of the stages."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ BROKEN = UsageError.exit_code
 
 @stage_command("check-task")
 def check_task(task: TaskArgument, given: Given) -> None:
-    """Hold a task to every promise that the stages rely on, and draw the first frames of 20 contexts.
+    """Check a task against every requirement of the stages, and render the first frames of 20 contexts.
 
-    Each broken promise is one line on standard error that says what is wrong and where. Exit code 2 if there is any.
-    The contact sheet is drawn anew each time: an older one is replaced.
+    Each violation is reported in one line on standard error, with its location. The exit code is 2 if there are any.
+    The contact sheet is always written again; an older one is replaced.
     """
-    settle(given, read_file(given))  # Its options make sense.
+    settle(given, read_file(given))  # Refuses options that make no sense.
     check_task_name(task)
     seed, out = given.get("seed"), given.get("out")
     if out is not None and (out.suffix != ".png" or out.is_dir()):

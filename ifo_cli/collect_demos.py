@@ -1,4 +1,4 @@
-"""`ifo collect-demos`: film the expert in many contexts."""
+"""`ifo collect-demos`: record the expert in many contexts."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ EXAMPLES = (
 def collect_demos(task: TaskArgument, given: Given) -> None:
     """Record a demonstrator doing a task, each video in a different context.
 
-    The demonstrator is a trained expert, or the scripted one of a household task. Viewpoint, colours, positions and
-    distractors differ from video to video. Only frames are recorded for learning: no actions, no states.
+    The demonstrator is a trained expert, or the scripted demonstrator of a household task. Viewpoint, colors, positions
+    and distractors differ from video to video. Only frames are recorded for learning: no actions and no states.
     """
     check_task_name(task)
     expert = given.get("expert")

@@ -1,4 +1,4 @@
-"""Completions for the shell."""
+"""Shell completion."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 
 def complete_list(known: Sequence[str]) -> Callable[[str], list[str]]:
-    """A completion of lists of names separated by commas: of the last name, by those that are not in the list yet."""
+    """Return a completion function for comma-separated lists: it completes the last name with names not yet listed."""
 
     def complete(incomplete: str) -> list[str]:
         before, comma, last = incomplete.rpartition(",")

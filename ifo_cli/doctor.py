@@ -1,4 +1,4 @@
-"""`ifo doctor`: does this machine have what the stages need?"""
+"""`ifo doctor`: check that this machine has everything the stages need."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ EXAMPLES = (
 )
 PYTHONS = ((3, 11), (3, 12))  # as requires-python in pyproject.toml
 MUJOCO_MAJOR = 3
-FEWEST_COLOURS = 4  # of a drawn frame; a driver that fails silently gives one
+FEWEST_COLOURS = 4  # in a rendered frame; a driver that fails silently produces a single color
 REINSTALL = "install ifo again: pip install -e ."
-GL_MEND = "see gl backend"  # whose own error says what to install
+GL_MEND = "see gl backend"  # the error of that check says what to install
 
 
 @dataclass(frozen=True)
 class Check:
-    """One line of the report; `mend` says what to do where `ok` is false."""
+    """One line of the report; `mend` says what to do if `ok` is false."""
 
     name: str
     ok: bool
@@ -41,7 +41,7 @@ class Check:
 def doctor(given: Given) -> None:
     """Check this machine: Python, torch, MuJoCo, video encoding, and one rendered frame.
 
-    Exit code 4 if anything is missing; its line says how to fix it.
+    The exit code is 4 if anything is missing; the line of the failed check says how to fix it.
     """
     with stdout_to_stderr():
         checks = [_run(name, examine, mend) for name, (examine, mend) in CHECKS.items()]
@@ -57,7 +57,7 @@ def doctor(given: Given) -> None:
 
 
 def _run(name: str, examine: Callable[[], str], mend: str) -> Check:
-    """Run one check. Whatever a broken library raises belongs in the report, so all exceptions are caught."""
+    """Run one check. All exceptions are caught, because whatever a broken library raises belongs in the report."""
     try:
         return Check(name, True, examine())
     except IfoError as error:
@@ -84,10 +84,10 @@ def _torch() -> str:
 def _mujoco() -> str:
     found = metadata.version("mujoco")
     if int(found.split(".")[0]) != MUJOCO_MAJOR:
-        raise PlatformError(f"{found}, expected version {MUJOCO_MAJOR}.x, from 3.17 on")
+        raise PlatformError(f"{found}, expected version {MUJOCO_MAJOR}.x, 3.17 or later")
     from stages.simulation.gl import forget_backend
 
-    forget_backend()  # The remembered answer may be older than the libraries.
+    forget_backend()  # The cached answer may be older than the libraries.
     _settle_backend()
     import mujoco.batch  # noqa: F401
 
@@ -97,14 +97,14 @@ def _mujoco() -> str:
 def _dm_control() -> str:
     _settle_backend()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Without a backend glfw warns, which the check of the backend says better.
+        warnings.simplefilter("ignore")  # glfw warns if there is no backend; the backend check reports that better.
         from dm_control import mjcf  # noqa: F401
 
     return metadata.version("dm-control")
 
 
 def _settle_backend() -> None:
-    """Choose the GL backend before mujoco is imported; that there is none is for `gl backend` to report."""
+    """Choose the GL backend before mujoco is imported. The check `gl backend` reports a missing one."""
     from stages.simulation.gl import choose_backend
 
     choose_backend(required=False)
@@ -128,7 +128,7 @@ def _frame() -> str:
     from stages.simulation.gl import choose_backend
 
     if not choose_backend(required=False):
-        raise PlatformError("nothing can be rendered without a GL backend")
+        raise PlatformError("rendering needs a GL backend")
     import numpy as np
 
     from stages.simulation.contexts import DISTRIBUTIONS
@@ -144,10 +144,10 @@ def _frame() -> str:
     colours = len(np.unique(frame.reshape(-1, 3), axis=0))
     if colours < FEWEST_COLOURS:
         raise PlatformError(
-            f"a frame of reach shows {colours} colours, expected at least {FEWEST_COLOURS}: "
-            "the driver renders wrongly; update it, or try MUJOCO_GL=osmesa (apt-get install -y libosmesa6)"
+            f"a frame of reach shows {colours} colors, expected at least {FEWEST_COLOURS}: the driver renders "
+            "incorrectly; update it, or try MUJOCO_GL=osmesa (apt-get install -y libosmesa6)"
         )
-    return f"reach at {width}x{height}, {colours} colours"
+    return f"reach at {width}x{height}, {colours} colors"
 
 
 CHECKS: dict[str, tuple[Callable[[], str], str]] = {

@@ -1,4 +1,4 @@
-"""`ifo evaluate`: how well finished policies do the task."""
+"""`ifo evaluate`: measure how well finished policies do the task."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ EXAMPLES = (
 def evaluate(
     given: Given,
     policies: Annotated[
-        list[Path] | None, typer.Argument(help="Policies (default: paths on standard input, one a line).")
+        list[Path] | None, typer.Argument(help="Policies (default: paths on standard input, one per line).")
     ] = None,
 ) -> None:
-    """Run finished policies and measure how near the goal they end, by the task's true distance.
+    """Run finished policies and measure their final distance to the goal, by the task's true distance.
 
-    Several policies of different seeds give a confidence interval over runs.
+    Several policies with different seeds give a confidence interval over runs.
     """
 
     def call(config: Any, run: Any, paths: list[Path]) -> Any:

@@ -1,4 +1,4 @@
-"""`ifo export-demos`: demonstrations as a data set of another library."""
+"""`ifo export-demos`: write demonstrations as a data set for another library."""
 
 from __future__ import annotations
 
@@ -26,10 +26,11 @@ def export_demos(
         typer.Argument(help="The demos artifact (default: the path on standard input).", show_default=False),
     ] = None,
 ) -> None:
-    """Write demonstrations as a data set that LeRobot, robomimic or Minari reads.
+    """Write demonstrations as a data set that LeRobot, robomimic or Minari can read.
 
-    Frames are written unchanged, except with --video, and their times where the format has room for them; contexts are
-    not. There are no actions: where robomimic and Minari expect them, the data set says so.
+    Frames are written unchanged, except with --video. Their times are written if the format can store them; contexts
+    are not written. Demonstrations have no actions: robomimic and Minari data sets, which must have some, hold
+    placeholders that cannot be mistaken for actions.
     """
     settled = settled_alone(given)
     if settled is None:

@@ -1,4 +1,4 @@
-"""`ifo import-demos`: real videos as demonstrations."""
+"""`ifo import-demos`: turn real videos into demonstrations."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ def import_demos(
     videos: Annotated[
         list[Path] | None,
         typer.Argument(
-            help="Videos, folders of videos, folders of images (one video each), and data sets of LeRobot, robomimic "
-            "or Minari (one video per episode) (default: paths on standard input).",
+            help="Videos, folders of videos, folders of images (one video each), or LeRobot, robomimic or Minari data "
+            "sets (one video per episode) (default: paths on standard input).",
             show_default=False,
         ),
     ] = None,
 ) -> None:
-    """Turn real videos into demonstrations: frames only, of equal number and size.
+    """Turn real videos into demonstrations: frames only, with the same number and size of frames for every video.
 
-    Reads MP4, MOV, AVI, WebM, GIF, folders of PNGs or JPEGs, LeRobotDataset v3, and the HDF5 of robomimic and Minari.
-    Rotation and time stamps are applied. Videos that cannot be used are named, left out and counted.
+    Reads MP4, MOV, AVI, WebM, GIF, folders of PNGs or JPEGs, LeRobotDataset v3, and robomimic and Minari HDF5 files.
+    Rotation and time stamps are applied. Videos that cannot be used are skipped, reported and counted.
     """
     settled = settled_alone(given)
     if settled is None:
@@ -44,7 +44,7 @@ def import_demos(
     if task:
         check_task_name(task)
     out, preview = check_out(given.get("out")), given.get("preview")
-    paths = inputs_or_stdin(videos or [], "videos, or their folder", several=True)
+    paths = inputs_or_stdin(videos or [], "videos or folders of videos", several=True)
     with stdout_to_stderr():
         from stages.import_demos import import_demos
         from stages.runtime.progress import Progress

@@ -1,4 +1,4 @@
-"""`ifo inspect`: what an artifact is, holds and comes from."""
+"""`ifo inspect`: show what an artifact is, what it holds and what it was made from."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ EXAMPLES = (
     "ifo inspect runs/reach-c0.policy.h5",
     "ifo inspect runs/reach-c0.evaluation.h5 --json",
 )
-KEY_FIGURES = ("metrics", "summary")  # groups of the configuration, or of datasets
-CURVE = "curve"  # group of datasets: learning curves, of which the last value counts
-NARROWEST = 100  # columns of a table that no terminal shows
+KEY_FIGURES = ("metrics", "summary")  # groups in the configuration, or of datasets
+CURVE = "curve"  # group of datasets with learning curves, whose last values are shown
+NARROWEST = 100  # minimum width in columns of a table that is not printed to a terminal
 SHOWN_DATASETS = 40
-SHORT = 8  # values of a dataset that are shown whole
+SHORT = 8  # maximum number of values of a dataset that are all shown
 
 
 @stage_command("inspect")
@@ -33,9 +33,9 @@ def inspect(
     given: Given,
     artifact: Annotated[Path | None, typer.Argument(help="Artifact (default: the path on standard input).")] = None,
 ) -> None:
-    """Show what an artifact is: its origin, configuration, data, key figures and lineage.
+    """Show an artifact's origin, configuration, data, key figures and lineage.
 
-    No data is checked here: `ifo verify` does that.
+    This command does not check the data: `ifo verify` does.
     """
     from artifacts import read_artifact
 
@@ -48,7 +48,7 @@ def inspect(
 
 
 def describe(artifact: Artifact) -> dict[str, Any]:
-    """Everything about an artifact but its data, as JSON-ready values."""
+    """Return everything about an artifact except its data, as JSON-ready values."""
     manifest = artifact.manifest
     datasets = [
         {
@@ -77,7 +77,7 @@ def describe(artifact: Artifact) -> dict[str, Any]:
 
 
 def _key_figures(artifact: Artifact) -> dict[str, Any]:
-    """Metrics of the configuration, and datasets of metrics; of a long series the last value."""
+    """Return the metrics in the configuration and in datasets; for a long series, only its last value."""
     figures: dict[str, Any] = {}
     for group in KEY_FIGURES:
         found = artifact.config.get(group)
@@ -98,7 +98,7 @@ def _key_figures(artifact: Artifact) -> dict[str, Any]:
 
 
 def _lineage(artifact: Artifact) -> Iterator[dict[str, Any]]:
-    """Ancestors, depth first; one that is gone, unreadable or another ends its branch and is said to be so."""
+    """Yield ancestors, depth first; a missing, unreadable or changed file ends its branch and is marked as such."""
     from artifacts import ancestors
 
     for item in ancestors(artifact, check=True):
@@ -111,7 +111,7 @@ def _lineage(artifact: Artifact) -> Iterator[dict[str, Any]]:
 
 
 def _as_text(report: dict[str, Any]) -> str:
-    """The report as tables; without colour unless standard output is a terminal."""
+    """Format the report as tables; in color only if standard output is a terminal."""
     from io import StringIO
 
     from rich.console import Console

@@ -1,4 +1,4 @@
-"""`ifo learn-policy`: track the translated demonstrations."""
+"""`ifo learn-policy`: learn a policy that tracks the translated demonstrations."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def learn_policy(
         Path | None, typer.Argument(help="Translation (default: the path on standard input).")
     ] = None,
 ) -> None:
-    """Learn a policy by reinforcement, rewarded for tracking the translated demonstrations.
+    """Learn a policy by reinforcement learning; the reward is for tracking the translated demonstrations.
 
-    An interrupted run continues bit for bit with --resume on a CPU.
+    --resume continues an interrupted run. On a CPU the result is bit-for-bit the same as without the interruption.
     """
 
     def call(config: Any, run: Any, paths: list[Path]) -> Any:

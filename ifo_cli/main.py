@@ -1,4 +1,4 @@
-"""The `ifo` command. Nothing heavy is imported before a command runs."""
+"""The `ifo` command. Heavy packages are imported only when a command runs."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ from stages.runtime.interrupts import killable
 INTERRUPTED = 130
 BUG = 1
 
-# The words of the library that checks values -> ours.
+# Wording of the library that checks values -> our wording.
 REWORDED = {
     "Value error, ": "",
     "Input should be greater": "expected a value greater",
     "Input should be": "expected",
 }
 
-EXAMPLE_WIDTH = 76  # columns; terminals of 80 wrap nothing, so that a shell takes what is copied
+EXAMPLE_WIDTH = 76  # columns; not wrapped in a terminal of 80, so that examples can be copied into a shell
 
 
 def copyable(command: str) -> str:
-    """A command in lines that are short enough not to be wrapped, joined as a shell joins them."""
+    """Split a command into lines that are short enough not to be wrapped, with the shell's line continuation."""
     lines = [""]
     for part in re.split(r" (?=[|-])", command):  # before an option, or the next command of a pipe
         if lines[-1] and len(lines[-1]) + len(part) + 3 > EXAMPLE_WIDTH:
@@ -108,9 +108,9 @@ def _ifo(
         bool, typer.Option("--version", help="Print the version.", callback=_version, is_eager=True)
     ] = False,
 ) -> None:
-    """Learn to do what videos show: imitation from observation, through context translation.
+    """Learn to do what videos show: imitation from observation via context translation.
 
-    Each command reads one versioned file and writes the next. Its path is all that a command prints,
+    Each command reads one versioned file and writes the next. A command prints only the path of the file it wrote,
     so commands can be piped together.
     """
 
@@ -118,11 +118,11 @@ def _ifo(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    # Threads that spin while they wait make everything ten times slower as soon as another process wants their core,
-    # a render process for one. Read when torch is imported, hence set here.
+    # OpenMP threads that spin while they wait make everything ten times slower as soon as another process, such as a
+    # render process, needs their core. torch reads this variable when it is imported, so it is set here.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     try:
-        # Processes launched together may be waiting for each other, deaf to all but the plain signal.
+        # Processes launched together may be blocked waiting for each other; only the default handler ends them then.
         with nullcontext() if "WORLD_SIZE" in os.environ else killable():
             code = _run(words)
         if sys.stdout is not None:
@@ -138,14 +138,14 @@ def _run(words: list[str]) -> int:
         command = typer.main.get_command(app)
         code = command.main(words, prog_name="ifo", standalone_mode=False, obj=words)
     except SystemExit as error:
-        if isinstance(error.__context__, BrokenPipeError):  # What prints help ends so when its reader has gone.
+        if isinstance(error.__context__, BrokenPipeError):  # Printing help ends like this if its reader has exited.
             raise BrokenPipeError from error
         raise
     except typer.TyperException as error:
         from stages.runtime.processes import is_main
 
         if not is_main():
-            return 0  # Launched together, all were told the same, and the main process says what is wrong with it.
+            return 0  # All processes got the same command line, and the main process reports what is wrong with it.
         message = _tidied(error.format_message())
         if message and words:
             help_command = shlex.join(["ifo", *_command_of(words), "--help"])
@@ -160,7 +160,7 @@ def _run(words: list[str]) -> int:
         raise
     except Exception:
         traceback.print_exc()
-        _say("ifo: this is a bug in ifo: please report it with the lines above and the command")
+        _say("ifo: this is a bug in ifo: please report it, with the lines above and the command")
         return BUG
     if code == INTERRUPTED:
         _say("ifo: interrupted")
@@ -168,7 +168,7 @@ def _run(words: list[str]) -> int:
 
 
 def _tidied(message: str) -> str:
-    """One line of a usage error, in our words."""
+    """Return the message of a usage error as one line, in our wording."""
     for theirs, ours in REWORDED.items():
         message = message.replace(theirs, ours)
     return " ".join(message.split())

@@ -1,4 +1,4 @@
-"""Command-line options made from configuration classes, so that a default and a help text are written once."""
+"""Command-line options made from configuration classes, so that each default and help text is written once."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from stages.reproduction.plan import METHODS
 
 HELP_PRESET = DEFAULT_PRESET
 PRESET_NOTE = (
-    f"Options that are not given come from --preset: the parent's, else {HELP_PRESET}. "
-    f"Defaults in parentheses are those of {HELP_PRESET} for reach; some tasks have their own (--show-config)."
+    f"The preset sets the options that you do not give (--preset; default: the parent's, else {HELP_PRESET}). "
+    f"Defaults in parentheses are those of preset {HELP_PRESET} for reach; some tasks have their own (--show-config)."
 )
 METAVARS = {int: "INT", float: "FLOAT", str: "TEXT", Path: "PATH"}
 STAGE_PANEL = "Options of this stage"
@@ -31,7 +31,7 @@ Function = Callable[..., None]
 
 
 def complete_task(incomplete: str) -> list[str]:
-    """Names of tasks, for shell completion."""
+    """Return the names of tasks that complete a word, for shell completion."""
     return [task for task in known_tasks() if task.startswith(incomplete)]
 
 
@@ -52,13 +52,13 @@ TaskArgument = Annotated[
 
 @dataclass(frozen=True)
 class Given:
-    """What the command line said.
+    """The parsed command line.
 
     Attributes:
         command: Name of the command.
         config: Fields of the command's configuration that were given.
-        shared: Options that it shares with other commands, as far as they were given.
-        words: The command line's words after `ifo`.
+        shared: Options shared with other commands that were given.
+        words: The words of the command line after `ifo`.
     """
 
     command: str
@@ -67,12 +67,12 @@ class Given:
     words: list[str]
 
     def get(self, name: str) -> Any:
-        """The value of a shared option, given or by default."""
+        """Return the value of a shared option, given or default."""
         return self.shared.get(name, getattr(COMMANDS[self.command].shared(), name))
 
 
 def shown_default(value: Any) -> str:
-    """A default as the help text shows it; empty where there is nothing to show."""
+    """Return a default as the help text shows it; empty if there is nothing to show."""
     if value is None:
         return ""
     if isinstance(value, bool):
@@ -83,13 +83,13 @@ def shown_default(value: Any) -> str:
 
 
 def _parameters(config_class: type, defaults: Any, names: tuple[str, ...], panel: str) -> Iterator[inspect.Parameter]:
-    """A typer option for each of the named fields; not given, it is None, whatever the default.
+    """Yield a typer option for each of the named fields; an option that is not given is None, whatever its default.
 
     Args:
-        config_class: The fields' class.
-        defaults: An instance whose values the help texts show; None: only those of fields that ask for it.
-        names: Names of fields.
-        panel: Heading of the options in the help text; empty: the common one.
+        config_class: The class that has the fields.
+        defaults: An instance whose values the help texts show; None: show only the defaults of fields with `show`.
+        names: Names of the fields.
+        panel: Heading of the options in the help text; empty: the common heading.
     """
     types = get_type_hints(config_class)
     items = {item.name: item for item in dataclasses.fields(config_class)}
@@ -101,7 +101,7 @@ def _parameters(config_class: type, defaults: Any, names: tuple[str, ...], panel
         choices = about["choices"]
         flag = annotation is bool and len(about.get("names", ())) > 0
         if get_origin(types[name]) is tuple:
-            # Typer takes no list of literals, but a list of an enumeration.
+            # Typer does not accept a list of literals, but it accepts a list of an enumeration.
             element = StrEnum(name, {choice: choice for choice in choices}) if choices else str
             annotation = list[element]  # type: ignore[valid-type]
             settings["metavar"] = "|".join(choices) or "TEXT"
@@ -110,7 +110,7 @@ def _parameters(config_class: type, defaults: Any, names: tuple[str, ...], panel
         elif annotation is not bool:
             settings["metavar"] = about.get("metavar", METAVARS[annotation])
         if "metavar" in settings and (bounds := _bounds(about["low"], about["high"])):
-            settings["metavar"] += f" [{bounds}]"  # Held by the configuration class, as for files of options.
+            settings["metavar"] += f" [{bounds}]"  # The configuration class checks them, as for files of options.
         if completion := COMPLETIONS.get(about.get("complete", "")):
             settings["autocompletion"] = completion
         source = defaults if defaults is not None else item.default if about.get("show") else None
@@ -121,7 +121,7 @@ def _parameters(config_class: type, defaults: Any, names: tuple[str, ...], panel
 
 
 def stage_command(name: str) -> Callable[[Function], Function]:
-    """Give a command the options of its configuration classes; it receives them as its argument `given`.
+    """Give a command the options of its configuration classes; the command receives them as its argument `given`.
 
     Args:
         name: Name of the command in `stages.config.commands.COMMANDS`.

@@ -1,7 +1,7 @@
-"""Our packages come before the user's modules of the same name.
+"""Give the packages of ifo precedence over the user's modules of the same name.
 
 `python -m` puts the current folder first in `sys.path`, and PYTHONPATH comes before the installed packages. A user's
-artifacts.py or stages/ there would be imported in place of ours.
+artifacts.py or stages/ there would be imported instead of ours.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ PACKAGES = ("artifacts", "ifo", "stages")
 
 
 def put_our_packages_first(home: str) -> None:
-    """Move the entries of `sys.path` that hold modules of our names to right behind `home`.
+    """Move the entries of `sys.path` that hold modules with our names directly behind `home`.
 
-    They stay on the path, because users' tasks are found there. Child processes inherit the order.
+    They stay on the path, because users' tasks are imported from there. Child processes inherit the order.
 
     Args:
-        home: The folder that holds our packages. It joins the path if it is not there (editable installs).
+        home: The folder that holds our packages. It is added to the path if it is missing (editable installs).
 
     Raises:
-        ImportError: Another module of one of our names has already been imported.
+        ImportError: Another module with one of our names has already been imported.
     """
     home = os.path.realpath(home)
     for name in PACKAGES:
@@ -37,4 +37,4 @@ def put_our_packages_first(home: str) -> None:
 
 def _check_is_ours(name: str, file: str, home: str) -> None:
     if not os.path.realpath(file).startswith(os.path.join(home, name) + os.sep):
-        raise ImportError(f"the imported module {name!r} ({file}) has the name of a package of ifo: rename it")
+        raise ImportError(f"the imported module {name!r} ({file}) has the same name as a package of ifo: rename it")

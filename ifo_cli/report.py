@@ -1,4 +1,4 @@
-"""`ifo report`: the results of evaluations, on one page."""
+"""`ifo report`: show the results of evaluations on one page."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def report(
         ),
     ] = None,
 ) -> None:
-    """Put evaluations on one page: success by task and method, learning curves, videos, and the origin of each number.
+    """Show evaluations on one page: success by task and method, learning curves, videos, and the origin of each number.
 
-    The page is one file that any browser opens. Files beside it, with the same stem, hold the runs (.csv), the table
-    (.md) and the plots (.png).
+    The page is a single HTML file. Files with the same stem next to it hold the runs (.csv), the table (.md) and the
+    plots (.png).
     """
     settled = settled_alone(given)
     if settled is None:
@@ -41,7 +41,7 @@ def report(
         raise UsageError(f"--out {out}: expected a file name ending in .html")
     if out.is_dir():
         raise UsageError(f"--out {out} is a folder: expected a file name ending in .html")
-    paths = inputs_or_stdin(runs or [], "the evaluation artifacts (NAME.evaluation.h5), or their folder", several=True)
+    paths = inputs_or_stdin(runs or [], "the evaluation artifacts (NAME.evaluation.h5) or their folder", several=True)
     with stdout_to_stderr():
         from stages.report import report
         from stages.runtime.progress import Progress

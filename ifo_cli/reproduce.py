@@ -1,4 +1,4 @@
-"""`ifo reproduce`: the paper's comparisons and ablations, by one command."""
+"""`ifo reproduce`: run the paper's comparisons and ablations with one command."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ NOTE = "Methods:\n\n" + "\n\n".join(f"  {name}: {method.help}" for name, method 
 def reproduce(given: Given) -> None:
     """Run the paper's grid of tasks, methods and contexts, as a Snakemake workflow over the other commands.
 
-    Files that exist are not made again: run it again after an interruption, or with more contexts, or in a folder into
-    which those of another machine were copied. A run that fails is tried once more, and does not stop the others.
+    Files that exist are not made again. You can therefore run the command again after an interruption, with more
+    contexts, or after you have copied files from another machine into the folder. A run that fails is tried once more,
+    and does not stop the others.
     """
     settled = settled_alone(given)
     if settled is None:

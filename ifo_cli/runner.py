@@ -1,4 +1,4 @@
-"""What every stage's command does: settle what was left open, run the stage, print one line."""
+"""Common code of the commands: resolve the options, run the stage, print one line."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from stages.runtime.processes import Processes
     from stages.runtime.run import RunOptions, StageResult
 
-SHARED = ("train-translator",)  # stages whose work several processes can share
+SHARED = ("train-translator",)  # stages that several processes can run together
 
-# Stages that run without permission to import the task; those after them need it (IFO_TASKS).
+# Stages that run without permission to import the task. Later stages need permission (IFO_TASKS).
 WITHOUT_PERMISSION = ("train-expert", "collect-demos", "train-translator")
 
 Call = Callable[[Any, "RunOptions", list[Path]], "StageResult"]
@@ -40,15 +40,15 @@ def run_stage(
     several: bool = False,
     task: str = "",
 ) -> None:
-    """Run a stage and print its artifact's path, or with --json its figures; of several processes, the main one does.
+    """Run a stage and print its artifact's path, or with --json its figures. Only the main process prints.
 
     Args:
         stage: Name of the stage.
-        given: What the command line said.
+        given: The parsed command line.
         call: Calls the stage with its configuration, run options and input paths.
-        named: Input paths of the command line; empty: read them from standard input; None: there are none.
-        several: Whether the stage takes more than one input.
-        task: The task that the command line named; else the first input's.
+        named: Input paths on the command line; empty: read them from standard input; None: the stage has no input.
+        several: Whether the stage accepts more than one input.
+        task: Task named on the command line; empty: the task of the first input.
     """
     from stages.runtime.processes import OtherFailed, is_main, join
 
@@ -76,7 +76,7 @@ def run_stage(
 
 
 def _show(stage: str, given: Given, table: Table, named: Sequence[Path], task: str) -> None:
-    """Print what every option resolves to; standard input is not read."""
+    """Print the value of every option; standard input is not read."""
     with stdout_to_stderr():
         parents = _read(stage, named)
         settled = settle(given, table, parents, task or _task_of(parents), typed=bool(task))
@@ -115,13 +115,13 @@ def _run(
             given=settled.given,
         )
         if stage in WITHOUT_PERMISSION and (note := permission_needed(settled.task)):
-            own = "" if settled.task_known else f"; until then its own defaults for {stage}, if any, do not count"
+            own = "" if settled.task_known else f"; until then its own defaults for {stage}, if any, are not used"
             run.progress.say(f"{note}{own}")
         made = make_folder(out) if processes.main else []
         try:
             result = call(settled.config, run, paths)
         except UsageError:
-            with suppress(OSError):  # What diverged on the way has left its curve there.
+            with suppress(OSError):  # A run that diverged has left its learning curve there, so the folder is kept.
                 for folder in made:
                     folder.rmdir()
             raise
@@ -137,13 +137,15 @@ def _inputs(
     named: Sequence[Path] | None,
     several: bool,
 ) -> list[Path]:
-    """The stage's inputs, from standard input where none is named."""
+    """Return the paths of the stage's inputs, read from standard input if none is named."""
     if named is None:
         return []
     kind = STAGE_FILES[stage].reads
     if not named:
         if processes.count > 1:
-            raise UsageError(f"several processes share no standard input: name the {kind} artifact (NAME.{kind}.h5)")
+            raise UsageError(
+                f"several processes cannot share standard input: name the {kind} artifact (NAME.{kind}.h5)"
+            )
         check_at_once(given, table)
     return inputs_or_stdin(named, f"the {kind} artifact (NAME.{kind}.h5)", several=several)
 
@@ -159,12 +161,12 @@ def _task_of(parents: Sequence[Artifact]) -> str:
 
 
 def command_line(given: Given, piped: Sequence[Path] = ()) -> str:
-    """The command as somebody would type it, with the paths that came from standard input."""
+    """Return the command as a user would type it, including the paths that came from standard input."""
     return shlex.join(["ifo", *given.words, *map(str, piped)])
 
 
 def emit_result(given: Given, result: StageResult, kind: str) -> None:
-    """Print the path of what was written, or with --json one object with its figures."""
+    """Print the path of the file that was written, or with --json one object with the stage's figures."""
     if given.get("json"):
         emit(json.dumps({"path": str(result.path), "kind": kind, **plain(result.summary)}))
     else:
@@ -172,7 +174,7 @@ def emit_result(given: Given, result: StageResult, kind: str) -> None:
 
 
 def settled_alone(given: Given) -> Settled | None:
-    """The options of a command that has no parent and no presets of its own; None: they were only to be shown."""
+    """Resolve the options of a command without parents and presets; None: --show-config printed them."""
     settled = settle(given, read_file(given))
     if given.get("show_config"):
         show(given, settled)
@@ -181,27 +183,27 @@ def settled_alone(given: Given) -> Settled | None:
 
 
 def check_out(out: Path | None) -> Path | None:
-    """Return --out, or raise UsageError where it is no name of an artifact."""
+    """Return --out, or raise UsageError if it is not a valid name for an artifact."""
     if out is None:
         return None
     if out.suffix != ".h5" or out.name.endswith(".checkpoint.h5"):
-        raise UsageError(f"--out {out}: expected a file name ending in .h5, by custom NAME.KIND.h5")
+        raise UsageError(f"--out {out}: expected a file name ending in .h5, by convention NAME.KIND.h5")
     if out.is_dir():
         raise UsageError(f"--out {out} is a folder: expected a file name ending in .h5")
     return out
 
 
 def make_folder(out: Path | None) -> list[Path]:
-    """Make the folder of `out`; returns the folders that this made, innermost first."""
+    """Create the folder of `out`, and return the folders that were created, innermost first."""
     if out is None:
         return []
     missing = [folder for folder in out.parents if not folder.exists()]
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise PlatformError(f"--out {out}: its folder cannot be made ({error.strerror})") from error
+        raise PlatformError(f"--out {out}: cannot create its folder ({error.strerror})") from error
     if not os.access(out.parent, os.W_OK | os.X_OK):
-        raise PlatformError(f"--out {out}: its folder cannot be written: choose another place")
+        raise PlatformError(f"--out {out}: its folder is not writable: choose another location")
     return missing
 
 

@@ -1,4 +1,4 @@
-"""What a command's options come to: the command line, a file of options, the parent, the preset, in that order."""
+"""Resolve a command's options from, in order of priority, the command line, --config, the parent and the preset."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Settled:
-    """Options as the command will run with them.
+    """The resolved options of a command.
 
     Attributes:
         config: The command's own configuration.
-        settings: Those of `SETTINGS` that it has.
-        given: Names of the options that somebody gave.
-        origins: Who set each option.
-        task: Name of the task; empty: none is known.
-        task_known: Whether its own defaults are known; a task that a file names is not imported without leave.
+        settings: The options in `SETTINGS` that the command has.
+        given: Names of the options that the user gave.
+        origins: Origin of each option's value.
+        task: Name of the task; empty: unknown.
+        task_known: Whether the task's own defaults are known. Importing a task that a file names needs permission.
     """
 
     config: Any
@@ -44,10 +44,11 @@ class Settled:
 
 
 def read_file(given: Given) -> Table:
-    """What the file of --config says of the command.
+    """Read the command's table in the file that --config names, and check the values on the command line.
 
     Raises:
-        UsageError: It cannot be read, or says what the command does not take; or a value on the command line is wrong.
+        UsageError: The file cannot be read or has options that the command does not have, or a value on the command
+            line is invalid.
     """
     command = COMMANDS[given.command]
     for config_class, values in ((command.config, given.config), (command.shared, given.shared)):
@@ -62,10 +63,10 @@ def read_file(given: Given) -> Table:
 
 
 def check_at_once(given: Given, table: Table) -> None:
-    """Refuse what can be refused before the input is there, for which whole stages may have to run.
+    """Refuse options as early as possible, before the input is read: earlier stages in a pipe may take hours.
 
     Raises:
-        UsageError: The options make no sense under any preset.
+        UsageError: The options are invalid under every preset.
     """
     complaints = []
     for preset in PRESETS:
@@ -82,17 +83,17 @@ def check_at_once(given: Given, table: Table) -> None:
 def settle(
     given: Given, table: Table, parents: Sequence[Artifact] = (), task: str = "", typed: bool = False
 ) -> Settled:
-    """Settle every option, and refuse what makes no sense together.
+    """Resolve every option, and refuse invalid combinations.
 
     Args:
-        given: What the command line said.
-        table: What the file of --config said.
-        parents: The inputs.
+        given: The parsed command line.
+        table: The command's table in the file that --config names.
+        parents: The input artifacts.
         task: Name of the task.
         typed: Whether the task was named on the command line.
 
     Raises:
-        UsageError: The options make no sense together, or the task cannot be made.
+        UsageError: The combination of options is invalid, or the task cannot be made.
     """
     settings, origins = _settings(given, table, parents)
     own: Mapping[str, Any] = {}
@@ -100,13 +101,13 @@ def settle(
     if task and given.command in STAGES:
         from stages.simulation.registry import task_defaults
 
-        # Stages that cannot do without the task's code say themselves that they may not import it.
+        # Stages that need the task's code report themselves that they may not import it.
         known = typed or is_trusted(task)
         own = task_defaults(task, typed) if known else {}
     base = _base(given.command, settings.get("preset", ""), task, _variant(given, table), own)
     file = str(given.get("config"))
     resolved = base.with_(file, table.config).with_("given", given.config)
-    # A whole file, as --show-config prints it, asks for nothing where it says what would have been anyway.
+    # A file printed by --show-config holds every option: only those that differ from the defaults count as given.
     asked = {name for name, value in table.config.items() if value != getattr(base.config, name)}
     names = frozenset(asked - set(given.config)) | _named(given, settings)
     try:
@@ -114,13 +115,13 @@ def settle(
     except UsageError as error:
         if not table.config:
             raise
-        raise UsageError(f"{error} (options come from {file}, too)") from error
+        raise UsageError(f"{error} (some options come from {file})") from error
     return Settled(resolved.config, settings, names, {**origins, **resolved.origins}, task, known)
 
 
 def show(given: Given, settled: Settled) -> None:
-    """Print every option, as a table of a file of options."""
-    parts = [f"ifo {given.command}: what its options resolve to"]
+    """Print every option as a table of a file of options."""
+    parts = [f"ifo {given.command}: resolved options"]
     parts += [f"task {settled.task}"] if settled.task else []
     values = {**settled.settings, **vars(settled.config)}
     emit(as_toml(given.command, values, settled.origins, ", ".join(parts)))
@@ -134,19 +135,19 @@ def _base(command: str, preset: str, task: str, variant: str, own: Mapping[str, 
 
 
 def _variant(given: Given, table: Table) -> str:
-    """The learner or network that somebody chose; empty: nobody did."""
+    """Return the learner or network that the user chose; empty: none."""
     name = COMMANDS[given.command].config.VARIANT
     return {**table.config, **given.config}.get(name, "")
 
 
 def _named(given: Given, settings: Mapping[str, Any] | None = None) -> frozenset[str]:
-    """Names of the options that were given; the CPU is what a stage without use for a device takes anyway."""
+    """Return the names of the options that were given; `auto` and `cpu` do not count as a given device."""
     device = (settings or given.shared).get("device", "auto")
     return frozenset(given.config) | (frozenset(("device",)) if device not in ("auto", "cpu") else frozenset())
 
 
 def _settings(given: Given, table: Table, parents: Sequence[Artifact]) -> tuple[dict[str, Any], dict[str, str]]:
-    """The options of the run, and who set each."""
+    """Return the options of the run and the origin of each."""
     settings: dict[str, Any] = {}
     origins: dict[str, str] = {}
     layers: list[tuple[str, Mapping[str, Any]]] = [
@@ -163,7 +164,7 @@ def _settings(given: Given, table: Table, parents: Sequence[Artifact]) -> tuple[
 
 
 def _inherited(parents: Sequence[Artifact]) -> dict[str, Any]:
-    """Preset and seed of the first parent."""
+    """Return the preset and seed of the first parent."""
     if not parents:
         return {}
     manifest = parents[0].manifest

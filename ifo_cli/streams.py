@@ -1,4 +1,4 @@
-"""Standard input and output: paths come in by one, exactly one line goes out by the other."""
+"""Standard input and output: commands read paths from standard input and write exactly one line to standard output."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from typing import Any
 
 from artifacts.errors import ArtifactError, UsageError
 
-MOST_BYTES = 1 << 20  # of paths on standard input; more is no list of paths
+MOST_BYTES = 1 << 20  # of paths on standard input; anything larger is not a list of paths
 
 
 def inputs_or_stdin(named: Sequence[Path], what: str, *, several: bool = False) -> list[Path]:
-    """The paths named on the command line, or else those on standard input.
+    """Return the paths named on the command line, or else those on standard input.
 
     Raises:
-        UsageError: No argument and no pipe, or more paths than the command takes.
-        ArtifactError: The pipe is empty, or what it holds is not a list of paths.
+        UsageError: There is no argument and no pipe, or more paths than the command accepts.
+        ArtifactError: The pipe is empty or does not hold a list of paths.
     """
     if named:
         return list(named)
@@ -29,19 +29,19 @@ def inputs_or_stdin(named: Sequence[Path], what: str, *, several: bool = False) 
         raise UsageError(f"no input: name {what}, or pipe in the command that writes it")
     data = sys.stdin.buffer.read(MOST_BYTES)
     if b"\0" in data or len(data) == MOST_BYTES:
-        raise ArtifactError(f"standard input holds no artifact path: name {what} as an argument instead")
+        raise ArtifactError(f"standard input is not an artifact path: name {what} as an argument instead")
     lines = [line.strip() for line in os.fsdecode(data).splitlines() if line.strip()]
     if not lines:
         raise ArtifactError(
-            "no artifact path on standard input: the stage before failed, or name the file as an argument"
+            "no artifact path on standard input: the previous stage failed; otherwise, name the file as an argument"
         )
     if len(lines) > 1 and not several:
-        raise UsageError(f"{len(lines)} lines on standard input: expected one path, of {what}")
+        raise UsageError(f"{len(lines)} lines on standard input: expected one path, that of {what}")
     return [Path(_path_of(line)) for line in lines]
 
 
 def _path_of(line: str) -> str:
-    """The path in one line that a stage printed, with or without --json."""
+    """Return the path in a line that a stage printed, with or without --json."""
     if line.startswith("{"):
         with suppress(ValueError, KeyError, TypeError):
             return str(json.loads(line)["path"])
@@ -49,7 +49,7 @@ def _path_of(line: str) -> str:
 
 
 def emit(text: str) -> None:
-    """Print to standard output; a reader that has gone is no error."""
+    """Print to standard output; it is not an error if the reader has exited."""
     if sys.stdout is None:
         return
     try:
@@ -59,7 +59,7 @@ def emit(text: str) -> None:
 
 
 def abandon_stdout() -> None:
-    """Let nobody write to a closed pipe again, the interpreter's last flush included."""
+    """Redirect standard output to the null device after its pipe closed, so that the final flush does not fail."""
     with suppress(OSError, ValueError):
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, sys.stdout.fileno())
@@ -68,7 +68,7 @@ def abandon_stdout() -> None:
 
 @contextmanager
 def stdout_to_stderr() -> Iterator[None]:
-    """Send what libraries and child processes print to standard error while the block runs."""
+    """Redirect to standard error what libraries and child processes print while the block runs."""
     if sys.stdout is None or sys.stderr is None:
         yield
         return
@@ -88,7 +88,7 @@ def stdout_to_stderr() -> Iterator[None]:
 
 
 def plain(value: Any) -> Any:
-    """JSON-ready values: arrays and NumPy numbers become plain ones, paths text, what is not finite null."""
+    """Return JSON-ready values: NumPy values become plain numbers and lists, paths text, non-finite numbers null."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, dict):

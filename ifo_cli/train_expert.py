@@ -1,4 +1,4 @@
-"""`ifo train-expert`: learn the task with its own reward."""
+"""`ifo train-expert`: train the demonstrator with the task's own reward."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ EXAMPLES = (
 
 @stage_command(STAGE)
 def train_expert(task: TaskArgument, given: Given) -> None:
-    """Train the expert that demonstrates a task, by the task's own reward.
+    """Train the expert that demonstrates a task, with the task's own reward.
 
-    The expert sees the state and the goal, which the learner never does. `ifo collect-demos` trains one by
-    itself where none is named.
+    The expert observes the state and the goal; the learner never does. `ifo collect-demos` trains an expert
+    automatically if you do not name one.
     """
     check_task_name(task)
 

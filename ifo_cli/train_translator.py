@@ -1,4 +1,4 @@
-"""`ifo train-translator`: learn to translate videos between contexts."""
+"""`ifo train-translator`: train the network that translates videos between contexts."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def train_translator(
     given: Given,
     demos: Annotated[Path | None, typer.Argument(help="Demonstrations (default: the path on standard input).")] = None,
 ) -> None:
-    """Train the network that translates a video from its context into another.
+    """Train the network that translates a video from its own context into another.
 
-    An interrupted training continues bit for bit with --resume on a CPU.
+    --resume continues an interrupted training. On a CPU the result is bit-for-bit the same as without the interruption.
     """
 
     def call(config: Any, run: Any, paths: list[Path]) -> Any:

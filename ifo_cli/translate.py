@@ -1,4 +1,4 @@
-"""`ifo translate`: demonstrations as they would look in the learner's context."""
+"""`ifo translate`: translate demonstrations into the learner's context."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def translate(
     given: Given,
     translator: Annotated[Path | None, typer.Argument(help="Translator (default: the path on standard input).")] = None,
 ) -> None:
-    """Translate demonstrations into the learner's context and average them: what the policy will track."""
+    """Translate demonstrations into the learner's context and average them. The policy will track this average."""
 
     def call(config: Any, run: Any, paths: list[Path]) -> Any:
         from stages.translate import translate

@@ -1,4 +1,4 @@
-"""`ifo verify`: are these files whole, and their parents unchanged?"""
+"""`ifo verify`: check that files are complete and their parents unchanged."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ def verify(
         ),
     ] = None,
 ) -> None:
-    """Read artifacts whole; check every checksum, and that their parents are unchanged.
+    """Read artifacts completely, check every checksum, and check that their parents are unchanged.
 
-    Of a folder, every file named NAME.KIND.h5 in it and below it is checked, checkpoints included.
-    Exit code 3 if anything is wrong with any of them.
+    In a folder and its subfolders, every file named NAME.KIND.h5 is checked, including checkpoints.
+    The exit code is 3 if any file fails a check.
     """
     from artifacts import verify_artifact
 
@@ -52,10 +52,10 @@ def verify(
 
 
 def _named(inputs: Sequence[Path]) -> Iterator[Path]:
-    """The files among the inputs, and the artifacts in its folders, each once.
+    """Yield the files among the inputs and the artifacts in folders among them, each once.
 
     Raises:
-        ArtifactError: A folder holds none.
+        ArtifactError: A folder holds no artifacts.
     """
     from artifacts import KINDS
 
@@ -66,10 +66,12 @@ def _named(inputs: Sequence[Path]) -> Iterator[Path]:
             found = sorted(path for path in given.rglob("*.h5") if path.is_file())
             inside = [path for path in found if path.name.split(".")[-2] in KINDS and path.name.count(".") > 1]
             if not inside:
-                raise ArtifactError(f"{given}: holds no artifact: expected files named NAME.KIND.h5 in it or below it")
+                raise ArtifactError(
+                    f"{given}: contains no artifacts: expected files named NAME.KIND.h5 in it or below it"
+                )
             if others := len(found) - len(inside):
                 print(
-                    f"ifo: {given}: {_count(others, 'more .h5 file')} not named NAME.KIND.h5, not checked",
+                    f"ifo: {given}: {_count(others, 'more .h5 file')} skipped (not named NAME.KIND.h5)",
                     file=sys.stderr,
                     flush=True,
                 )

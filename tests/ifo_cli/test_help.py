@@ -43,7 +43,7 @@ def test_help_lists_every_field_and_the_preset(run_ifo, wide, stage):
     _, out, _ = run_ifo(stage, "--help")
     for field in dataclasses.fields(STAGES[stage]):
         assert f"--{field.name.replace('_', '-')}" in out
-    assert "--preset" in out and "those of quick" in out
+    assert "--preset" in out and "those of preset quick" in out
 
 
 def test_help_shows_the_quick_default_and_the_bound(run_ifo, wide):

@@ -92,7 +92,7 @@ def test_verify_checks_every_artifact_below_a_folder(run_ifo, family, make, tmp_
     assert code == 0 and sorted(found) == sorted(
         f"ok {path}" for path in (demos, translator, translation, policy, checkpoint)
     )
-    assert err == f"ifo: {tmp_path}: 1 more .h5 file not named NAME.KIND.h5, not checked\n"
+    assert err == f"ifo: {tmp_path}: 1 more .h5 file skipped (not named NAME.KIND.h5)\n"
     for path in (policy, checkpoint):
         path.write_bytes(path.read_bytes()[:-100])
     code, out, err = run_ifo("verify", tmp_path)
@@ -103,7 +103,7 @@ def test_verify_checks_every_artifact_below_a_folder(run_ifo, family, make, tmp_
 def test_verify_of_a_folder_without_artifacts(run_ifo, tmp_path):
     (tmp_path / "demos.h5").write_text("x")  # no name before the kind
     code, out, err = run_ifo("verify", tmp_path)
-    assert (code, out) == (3, "") and err.count("\n") == 1 and "holds no artifact" in err and str(tmp_path) in err
+    assert (code, out) == (3, "") and err.count("\n") == 1 and "contains no artifacts" in err and str(tmp_path) in err
 
 
 def test_doctor_says_what_to_mend(run_ifo, monkeypatch):
@@ -142,7 +142,7 @@ def test_doctor_gives_the_reason_for_missing_gl_once(run_ifo, monkeypatch):
     assert code == 4
     assert failed == [
         f"fail gl backend: no OpenGL backend works here (EGL: no driver found); on Debian run `{gl.INSTALL}`",
-        "fail rendered frame: nothing can be rendered without a GL backend; see gl backend",
+        "fail rendered frame: rendering needs a GL backend; see gl backend",
     ]
 
 

@@ -83,6 +83,6 @@ def test_order(before, after, folder, tmp_path_factory, monkeypatch):
 def test_a_foreign_module_that_is_loaded_is_named(folder, monkeypatch):
     monkeypatch.setattr(sys.modules["artifacts"], "__file__", str(folder / "artifacts.py"))
     with pytest.raises(
-        ImportError, match=r"'artifacts' \(.*/artifacts.py\) has the name of a package of ifo: rename it"
+        ImportError, match=r"'artifacts' \(.*/artifacts.py\) has the same name as a package of ifo: rename it"
     ):
         put_our_packages_first(str(ROOT))

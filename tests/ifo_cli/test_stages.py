@@ -152,7 +152,9 @@ def test_terminal_without_argument_is_usage(run_ifo, calls):
 def test_empty_pipe_says_that_the_stage_before_failed(run_ifo, calls):
     code, out, err = run_ifo("translate", stdin="\n")
     assert (code, out) == (3, "")
-    assert err.startswith("ifo: no artifact path on standard input: the stage before failed, or name the file")
+    assert err.startswith(
+        "ifo: no artifact path on standard input: the previous stage failed; otherwise, name the file"
+    )
 
 
 @pytest.mark.parametrize(("stdin", "code"), [("a\nb\n", 2), (b"\x89HDF\r\n\x1a\n\0\0", 3)])
@@ -204,7 +206,7 @@ def test_what_a_stage_left_before_it_refused_stays(run_ifo, calls, monkeypatch, 
 def test_a_folder_that_cannot_be_written_is_told_of_before_the_work(run_ifo, calls, monkeypatch, tmp_path):
     monkeypatch.setattr("os.access", lambda path, mode: path != tmp_path)
     code, out, err = run_ifo("train-expert", "reach", "--out", tmp_path / "x.expert.h5")
-    assert (code, out) == (4, "") and "x.expert.h5: its folder cannot be written" in err and not calls
+    assert (code, out) == (4, "") and "x.expert.h5: its folder is not writable" in err and not calls
 
 
 def test_a_bug_shows_its_traceback(run_ifo, calls, monkeypatch):
