@@ -1,6 +1,6 @@
-"""The files between stages: schema, atomic write, verify, lineage, video.
+"""Artifacts, the files that stages exchange: schema, atomic writing, verification, lineage, video.
 
-Public names load on first use, so importing this package costs nothing.
+Public names are loaded on first use, so importing this package takes no time.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Files and folders that appear whole or not at all."""
+"""Atomic writing: files and folders appear complete or not at all."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from artifacts.errors import PlatformError
 def atomic_path(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path that replaces `path` if the block succeeds.
 
-    It lies in a temporary folder beside `path`. The file is fsynced, renamed, and the folder of `path` fsynced; on any
-    exception it is removed. The folder of `path` is made if missing.
+    The temporary path is in a temporary folder next to `path`. The file is fsynced and renamed, and then the folder of
+    `path` is fsynced; on any exception the file is removed. The folder of `path` is created if it is missing.
 
     Raises:
-      PlatformError: the file cannot be written (no space, no permission, a folder of that name).
+      PlatformError: The file cannot be written (no space, no permission, a folder of that name).
     """
     path = Path(path)
     with _making(path) as temporary:
         if path.is_dir():
-            raise IsADirectoryError(0, "a folder of that name is in the way")
+            raise IsADirectoryError(0, "a folder of that name exists")
         yield temporary
 
 
@@ -35,22 +35,22 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
 def atomic_folder(path: str | Path) -> Iterator[Path]:
     """Yield an empty temporary folder that becomes `path` if the block succeeds.
 
-    As `atomic_path`, for all files in it, except that nothing is replaced.
+    Like `atomic_path`, but for all files in a folder, and nothing is replaced.
 
     Raises:
-      PlatformError: it cannot be written, or something of that name exists.
+      PlatformError: The folder cannot be written, or a file or folder of that name exists.
     """
     path = Path(path)
     with _making(path) as temporary:
         temporary.mkdir()
         yield temporary
         if path.exists():
-            raise FileExistsError(0, "something of that name is in the way")
+            raise FileExistsError(0, "a file or folder of that name exists")
 
 
 @contextmanager
 def _making(path: Path) -> Iterator[Path]:
-    """Yield a path in a temporary folder of this writer alone, and rename to `path` what is there in the end."""
+    """Yield a path in a temporary folder used only by this writer, and rename the result to `path` at the end."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _remove_abandoned(path)
@@ -63,14 +63,16 @@ def _making(path: Path) -> Iterator[Path]:
         _fsync(path.parent)
     except OSError as error:
         reason = " ".join((error.strerror or str(error)).split())
-        raise PlatformError(f"{path}: cannot be written ({reason}): free some space or choose another place") from error
+        raise PlatformError(
+            f"{path}: cannot be written ({reason}): free some space or choose another location"
+        ) from error
 
 
 @contextmanager
 def _locked_folder(path: Path) -> Iterator[Path]:
-    """A new folder beside `path` with a random name, removed in the end; a lock tells others that its writer lives.
+    """Yield a new folder with a random name next to `path`, locked while its writer is alive, and remove it at the end.
 
-    The lock is the kernel's: it holds across containers that share the volume, and ends with the process.
+    It is a kernel lock: it works across containers that share the volume, and is released when the process ends.
     """
     folder, lock = _new_locked_folder(path)
     try:
@@ -90,7 +92,7 @@ def _new_locked_folder(path: Path) -> tuple[Path, int | None]:
                 return folder, lock
             if lock is not None:
                 os.close(lock)
-        # Another writer took it for abandoned before it was locked.
+        # Another writer considered it abandoned, and removed it before it was locked.
 
 
 def _prefix(path: Path) -> str:
@@ -101,7 +103,7 @@ def _lock(path: Path, wait: bool = True) -> int | None:
     """Lock a file or folder, and return the descriptor that holds the lock; None: this file system has no locks.
 
     Raises:
-      BlockingIOError: its writer lives, and `wait` is False.
+      BlockingIOError: Its writer is alive, and `wait` is False.
     """
     descriptor = os.open(path, os.O_RDONLY)
     try:
@@ -138,7 +140,7 @@ def _remove(path: Path) -> None:
 
 
 def _remove_abandoned(path: Path) -> None:
-    """Remove what killed writers of this same file left, as their locks tell."""
+    """Remove what killed writers of the same file left behind: temporary folders that nobody locks."""
     for other in path.parent.glob(f"{glob.escape(_prefix(path))}*"):
         with suppress(OSError):
             lock = _lock(other, wait=False)

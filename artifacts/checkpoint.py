@@ -1,4 +1,4 @@
-"""What an interrupted stage needs to continue exactly: a tree of plain values and arrays."""
+"""Checkpoints: the state that an interrupted stage needs to continue exactly, as a tree of plain values and arrays."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ def write_checkpoint(
     command: str,
     parents: Sequence[str | Path | Artifact] = (),
 ) -> Path:
-    """Write a stage's state, whole or not at all.
+    """Write a stage's state atomically.
 
     Args:
-      path: of the checkpoint.
-      tree: what `pack` takes.
-      stage: name of the stage.
-      config: the stage's whole configuration, JSON values.
-      seed: of the run.
-      command: the command line.
-      parents: the stage's input artifacts; pass opened ones, or each checkpoint opens them again.
+      path: Path of the checkpoint.
+      tree: The state, a tree that `pack` accepts.
+      stage: Name of the stage.
+      config: The stage's complete configuration, JSON values.
+      seed: Seed of the run.
+      command: The command line.
+      parents: The stage's input artifacts. Pass opened artifacts; otherwise each checkpoint opens them again.
     """
     text, arrays = pack({"stage": stage, "state": tree})
     datasets = {f"arrays/{name}": array for name, array in arrays.items()}
@@ -51,11 +51,11 @@ def write_checkpoint(
 def read_checkpoint(path: str | Path, *, stage: str) -> tuple[Manifest, Any]:
     """Return the manifest and the tree that a stage wrote.
 
-    The configuration in the manifest is today's: options that are newer than the checkpoint have been added
+    The configuration in the manifest is migrated: options that are newer than the checkpoint have been added
     (`artifacts.migrations.configuration`).
 
     Raises:
-      ArtifactError: no such file, damaged, or written by another stage.
+      ArtifactError: The file does not exist, is damaged, or was written by another stage.
     """
     artifact = read_artifact(path, "checkpoint")
     if "tree" not in artifact:
@@ -67,7 +67,7 @@ def read_checkpoint(path: str | Path, *, stage: str) -> tuple[Manifest, Any]:
         if isinstance(error, ArtifactError) and str(path) in str(error):
             raise
         raise ArtifactError(
-            f"{path} is no readable checkpoint ({error}): start the stage again without --resume"
+            f"{path} is not a readable checkpoint ({error}): start the stage again without --resume"
         ) from error
     if found != stage:
         raise ArtifactError(f"{path} is a checkpoint of {found}, expected one of {stage}: start again without --resume")

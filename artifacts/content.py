@@ -1,4 +1,4 @@
-"""The digest of an artifact's content, which tells whether two artifacts are the same."""
+"""The digest of an artifact's content, which shows whether two artifacts are the same."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ def content_digest(
     seed: int,
     parents: Sequence[str],
 ) -> str:
-    """Return the digest (sha256, hexadecimal) of what an artifact is, whenever and wherever it was made.
+    """Return the digest (SHA-256, hexadecimal) of an artifact's content, independent of when and where it was made.
 
     Args:
-      kind: of the artifact.
-      schema_version: that it was written in.
-      datasets: name -> digest; measured times are left out.
-      config: JSON values; measured times and names of files are left out.
-      seed: of the run.
-      parents: digests of the artifacts that it was made from.
+      kind: Kind of the artifact.
+      schema_version: Schema version of the file.
+      datasets: Name of each dataset -> its digest; measured times are left out.
+      config: The configuration, JSON values; measured times and file names are left out.
+      seed: Seed of the run.
+      parents: Digests of the artifacts that it was made from.
     """
     known = {name: digest for name, digest in datasets.items() if not _is_volatile_dataset(kind, name)}
     content = [kind, schema_version, known, _without_volatile(kind, config), seed, list(parents)]
@@ -39,7 +39,7 @@ def _is_volatile_dataset(kind: str, name: str) -> bool:
 
 
 def _without_volatile(kind: str, config: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a configuration (JSON values) without what differs between two equal runs."""
+    """Return a configuration (JSON values) without the values that differ between two runs of the same command."""
 
     def kept(value: Any, where: str) -> Any:
         if isinstance(value, Mapping):

@@ -1,8 +1,8 @@
 """The digest of a dataset, which shows whether its data is undamaged.
 
-It is XXH3 of 128 bits, over type, shape and the stored bytes in C order. It is no defence against an
-author who wants a collision. It was chosen for its speed (`benchmarks/verify.py`): SHA-256 would make writing and
-reading demonstrations about one and a half times as slow.
+The digest is 128-bit XXH3 over the type, the shape and the stored bytes in C order. It does not protect against an
+author who creates a collision on purpose. It was chosen for its speed (`benchmarks/verify.py`): with SHA-256, writing
+and reading demonstrations would take about one and a half times as long.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-BLOCK_BYTES = 8 << 20  # the most that is held in memory to digest a dataset
+BLOCK_BYTES = 8 << 20  # largest part of a dataset that is in memory at once to compute the digest
 
 
 class DatasetDigest:
@@ -21,7 +21,7 @@ class DatasetDigest:
     def __init__(self, shape: tuple[int, ...], dtype: np.dtype) -> None:
         import xxhash
 
-        # Strings in Unicode are stored as UTF-8, so their byte order is no property of the stored data.
+        # Unicode strings are stored as UTF-8, so their byte order in memory is not a property of the stored data.
         name = f"U{dtype.itemsize // 4}" if dtype.kind == "U" else dtype.str
         self._hash = xxhash.xxh3_128(json.dumps([name, [int(length) for length in shape]]).encode())
 
@@ -37,9 +37,9 @@ def blocks(shape: tuple[int, ...], itemsize: int, chunks: tuple[int, ...] | None
     """Yield selections that cover an array in C order, each of at most BLOCK_BYTES.
 
     Args:
-      shape: of the array; empty arrays yield nothing.
-      itemsize: bytes per element.
-      chunks: shape of the chunks that the array is stored in; blocks end where chunks end, if these fit.
+      shape: Shape of the array; empty arrays yield nothing.
+      itemsize: Bytes per element.
+      chunks: Shape of the chunks in which the array is stored; blocks end at chunk boundaries if chunks fit.
     """
     if 0 in shape:
         return

@@ -1,3 +1,3 @@
-"""How videos for people are encoded. A module of its own, without imports, so that help texts can name it."""
+"""Encoding of videos for inspection. This is a separate module without imports, so that help texts can use it."""
 
-CRF = 12  # x264's constant rate factor: hard to tell from the original
+CRF = 12  # x264's constant rate factor: hard to distinguish from the original

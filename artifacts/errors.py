@@ -1,31 +1,31 @@
-"""The one tree of errors that a user can meet, each with its exit code.
+"""All errors that a user may see, each with its exit code.
 
-A message is one line: it names the file or option, says what was expected and what to do.
+A message is one line: it names the file or option, what was expected, and what to do.
 """
 
 from __future__ import annotations
 
 
 class IfoError(Exception):
-    """What a user can mend; anything else that escapes is a bug."""
+    """An error that a user can fix; any other exception that reaches the user is a bug."""
 
     exit_code = 1
 
 
 class UsageError(IfoError):
-    """The options do not make sense together."""
+    """An option, argument or combination of options is invalid, or a user's own task is broken."""
 
     exit_code = 2
 
 
 class ArtifactError(IfoError):
-    """A file is missing, damaged, of another kind, or from another time."""
+    """A file is missing, damaged, of the wrong kind, or of a version that cannot be read."""
 
     exit_code = 3
 
 
 class PlatformError(IfoError):
-    """The machine lacks something: GL, a device, room on the disk, leave to write."""
+    """The machine lacks something: OpenGL, a device, disk space, write permission."""
 
     exit_code = 4
 

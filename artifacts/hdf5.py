@@ -1,10 +1,10 @@
-"""How arrays lie in an HDF5 file, so that damage never goes unnoticed.
+"""The HDF5 layout of arrays, chosen so that damage never goes unnoticed.
 
-Metadata: the 1.10 file format, whose headers and indices carry checksums. Data: chunked with fletcher32. This early
-check does not notice zeroed data; the digest in the manifest does. Strings have fixed length, because HDF5 has no
-checksum for the heap of variable strings. Two things cannot be chunked: a 0-d array is stored with one element and the
-attribute `scalar`; an array without elements has no data and is stored without chunks. Unicode is stored as UTF-8 with
-its width in the attribute `unicode`.
+Metadata uses the 1.10 file format, whose headers and indices have checksums. Data is chunked, with a fletcher32
+checksum per chunk. That early check does not notice zeroed data; the digest in the manifest does. Strings have a fixed
+length, because HDF5 has no checksum for the heap of variable-length strings. Two kinds of arrays cannot be chunked: a
+0-d array is stored with one element and the attribute `scalar`; an array without elements has no data and is stored
+without chunks. Unicode strings are stored as UTF-8, with their width in the attribute `unicode`.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
 WRONG_DIGEST = "its digest is wrong"
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
-END_OF_FILE_ADDRESS = 28  # where the superblock (version 3) keeps the length of the file
+END_OF_FILE_ADDRESS = 28  # offset of the length of the file in the superblock (version 3)
 STORABLE = "biufcSU"
-CHUNK_BYTES = 256 * 1024  # about one demonstration of 48x48: one can be read without its neighbours
+CHUNK_BYTES = 256 * 1024  # about one demonstration of 48x48, which can then be read without its neighbors
 
 
 def chunk_shape(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
-    """Whole trailing axes as far as they fit in CHUNK_BYTES, cut evenly along the first that does not."""
+    """Return a chunk of as many whole trailing axes as fit in CHUNK_BYTES, with the next axis cut evenly."""
     room = max(1, CHUNK_BYTES // itemsize)
     chunk = []
     for length in reversed(shape):
@@ -43,7 +43,7 @@ def chunk_shape(shape: tuple[int, ...], itemsize: int) -> tuple[int, ...]:
 
 
 def check_arrays(arrays: Mapping[str, np.ndarray]) -> None:
-    """Raise ArtifactError for names or types that the format cannot hold."""
+    """Raise ArtifactError for names or types that the format cannot store."""
     for name, array in arrays.items():
         parts = name.split("/")
         if any(part in ("", ".", "..") or "\0" in part for part in parts):
@@ -56,7 +56,7 @@ def check_arrays(arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def as_stored(array: np.ndarray) -> tuple[np.ndarray, dict[str, int]]:
-    """Return the form in which an array lies in the file, and the attributes that undo it."""
+    """Return the stored form of an array, and the attributes needed to restore the original."""
     attributes: dict[str, int] = {}
     if array.dtype.kind == "U":
         attributes["unicode"] = array.dtype.itemsize // 4
@@ -70,7 +70,7 @@ def as_stored(array: np.ndarray) -> tuple[np.ndarray, dict[str, int]]:
 
 
 def digest_of(array: np.ndarray) -> str:
-    """Return the digest that `dataset_digest` will give once `write_dataset` has stored the array."""
+    """Return the digest that `dataset_digest` will compute after `write_dataset` has stored the array."""
     stored, attributes = as_stored(array)
     digest = DatasetDigest(*_original(stored, attributes))
     if stored.flags.c_contiguous:
@@ -90,7 +90,7 @@ def dataset_digest(dataset: h5py.Dataset) -> str:
 
 
 def write_dataset(file: h5py.File, name: str, array: np.ndarray) -> None:
-    """Store one array, checksummed."""
+    """Store one array with checksums."""
     array, attributes = as_stored(array)
     options: dict[str, Any] = {}
     if array.size:
@@ -101,15 +101,15 @@ def write_dataset(file: h5py.File, name: str, array: np.ndarray) -> None:
 
 
 def read_dataset(dataset: h5py.Dataset, selection: Any = ..., digest: str | None = None) -> np.ndarray:
-    """Read all or a part of what `write_dataset` stored, with its type and shape.
+    """Read all or part of an array that `write_dataset` stored, with its original type and shape.
 
     Args:
-      dataset: in an open file.
-      selection: as NumPy's.
-      digest: what the whole dataset's digest must be; checked if all of it is read. None: unknown.
+      dataset: The dataset in an open file.
+      selection: A NumPy-style index.
+      digest: Expected digest of the whole dataset, checked if the whole dataset is read. None: unknown.
 
     Raises:
-      OSError: the data is damaged.
+      OSError: The data is damaged.
     """
     scalar = "scalar" in dataset.attrs
     array = np.asarray(dataset[...] if scalar else dataset[selection])
@@ -124,13 +124,13 @@ def read_dataset(dataset: h5py.Dataset, selection: Any = ..., digest: str | None
 
 
 def _is_whole(selection: Any) -> bool:
-    """Whether a selection certainly names the whole array."""
+    """Return whether a selection certainly covers the whole array."""
     parts = selection if isinstance(selection, tuple) else (selection,)
     return all(part is Ellipsis or (isinstance(part, slice) and part == slice(None)) for part in parts)
 
 
 def describe(dataset: h5py.Dataset) -> tuple[tuple[int, ...], np.dtype]:
-    """Return the shape and type that `read_dataset` will give."""
+    """Return the shape and type of the array that `read_dataset` returns."""
     return _original(dataset, dataset.attrs)
 
 
@@ -140,10 +140,10 @@ def _original(stored: h5py.Dataset | np.ndarray, attributes: Mapping[str, Any]) 
 
 
 def dataset_names(file: h5py.File) -> list[str]:
-    """Names of all datasets, sorted; links that leave the file are not followed.
+    """Return the names of all datasets, sorted; links to other files are not followed.
 
     Raises:
-      ArtifactError: a dataset is not of numbers, booleans or fixed strings, or lies outside the file.
+      ArtifactError: A dataset does not hold numbers, booleans or fixed-length strings, or is stored outside the file.
     """
     import h5py
 
@@ -153,7 +153,7 @@ def dataset_names(file: h5py.File) -> list[str]:
         if not isinstance(item, h5py.Dataset):
             return
         if item.dtype.kind not in STORABLE or item.external or item.is_virtual:
-            raise ArtifactError(f"dataset {name} is not stored as ifo stores arrays: do not trust this file")
+            raise ArtifactError(f"dataset {name} is not stored the way ifo stores arrays: do not trust this file")
         names.append(name)
 
     file.visititems(visit)
@@ -172,7 +172,7 @@ def write_attributes(file: h5py.File, attributes: Mapping[str, int | str]) -> No
 
 
 def read_attributes(file: h5py.File) -> dict[str, int | str]:
-    """Return the root attributes as int or str."""
+    """Return the root attributes, each as int or str."""
     attributes: dict[str, int | str] = {}
     for name, value in file.attrs.items():
         if isinstance(value, bytes):
@@ -182,7 +182,7 @@ def read_attributes(file: h5py.File) -> dict[str, int | str]:
 
 
 def room_for(arrays: Mapping[str, np.ndarray], attributes: Mapping[str, int | str]) -> int:
-    """Bytes that a file will surely not exceed."""
+    """Return an upper bound of the file's size in bytes."""
     room = 1_000_000 + 8 * sum(len(str(value)) for value in attributes.values())
     for name, array in arrays.items():
         room += 4096 + 8 * len(name)
@@ -204,11 +204,11 @@ def _reserve(path: Path, room: int) -> None:
 
 @contextmanager
 def new_file(path: Path, room: int) -> Iterator[h5py.File]:
-    """Open a file for writing in the checksummed format, with `room` bytes set aside.
+    """Open a file for writing in the checksummed format, with `room` bytes reserved.
 
-    HDF5 brings the whole process down (SIGSEGV, then no message) when the disk fills up under it.
-    So the room is asked for beforehand, where a full disk is an ordinary OSError: once before HDF5
-    is there at all, once more because HDF5 empties the file that it creates.
+    HDF5 crashes the whole process (SIGSEGV, without a message) when the disk becomes full during a write. The space is
+    therefore reserved in advance, where a full disk is an ordinary OSError: once before HDF5 opens the file, and once
+    afterward, because HDF5 truncates the file that it creates.
     """
     import h5py
 
@@ -224,7 +224,7 @@ def new_file(path: Path, room: int) -> Iterator[h5py.File]:
 
 @contextmanager
 def open_file(path: Path) -> Iterator[h5py.File]:
-    """Open a file for reading, without a lock: artifacts are never changed in place."""
+    """Open a file for reading without a lock, because artifacts are never changed in place."""
     import h5py
 
     with h5py.File(path, "r", locking=False) as file:

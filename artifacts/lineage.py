@@ -1,4 +1,4 @@
-"""What an artifact was made from, as far as the files are still there."""
+"""The ancestors of an artifact, as far as their files still exist."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from artifacts.paths import parent_path
 from artifacts.schema import Parent
 from artifacts.store import Artifact, is_unchanged, read_artifact
 
-MOST_READ = 256 << 20  # bytes of the largest file of schema 1 that is read whole; the date of a larger one must do
+MOST_READ = 256 << 20  # bytes; schema 1 files up to this size are read whole, larger ones are compared by date
 
 
 @dataclass(frozen=True)
 class Ancestor:
-    """A file that an artifact was made from, directly or through others.
+    """A file that an artifact was made from, directly or indirectly.
 
     Attributes:
       depth: 1 for a parent, 2 for a parent's parent, and so on.
-      parent: what the child recorded.
-      path: where the file is, or should be.
-      state: `present`, `missing`, `unreadable`, or `changed` (another file has taken its place).
-      artifact: the file, opened, if it is present.
-      problem: what is wrong with it, in one line; empty if nothing is.
+      parent: The parent as the child recorded it.
+      path: Where the file is, or should be.
+      state: `present`, `missing`, `unreadable`, or `changed` (replaced by another file).
+      artifact: The opened file, if it is present.
+      problem: A one-line description of the problem; empty if there is none.
     """
 
     depth: int
@@ -38,13 +38,13 @@ class Ancestor:
 def ancestors(
     artifact: Artifact, parents: Sequence[Parent] | None = None, *, check: bool = False, depth: int = 1
 ) -> Iterator[Ancestor]:
-    """Yield what an artifact was made from, depth first; a file that is gone or unreadable ends its branch.
+    """Yield the files that an artifact was made from, depth first; a missing or unreadable file ends its branch.
 
     Args:
-      artifact: the child.
-      parents: those of its parents to follow; None: all.
-      check: whether to compare each file's content with what the child recorded.
-      depth: of the first generation.
+      artifact: The child.
+      parents: The parents to follow; None: all.
+      check: Whether to compare each file's content with what the child recorded.
+      depth: Depth of the first generation.
     """
     for parent in artifact.manifest.parents if parents is None else parents:
         path = parent_path(artifact.path, parent)

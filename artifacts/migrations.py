@@ -1,16 +1,16 @@
-"""Older schemas made readable: one function per step, applied when a file is read. Files on disk are never changed.
+"""Migration of files with older schemas: one function per step, applied when a file is read.
 
-To change a schema, raise its version in `KINDS`, write a step like this one, and commit a file of the old schema under
-tests/fixtures/:
+Files on disk are never changed. To change a schema, increase its version in `KINDS`, write a step like this one, and
+commit a file with the old schema under tests/fixtures/:
 
     @migration("demos", 2)
     def _name_the_lengths(manifest, arrays):
         manifest["config"].setdefault("horizon", 50)
         arrays.rename("distance", "final_distance")
 
-Checkpoints keep the configuration of the stage that they belong to. When an option of a stage is added, renamed or
-removed, register a step for the stage, so that checkpoints written before can still be resumed. It applies to
-checkpoints of the named schema version:
+Checkpoints store the configuration of their stage. When an option of a stage is added, renamed or removed, register a
+step for the stage, so that older checkpoints can still be resumed. The step applies to checkpoints of the given schema
+version:
 
     @configuration("learn-policy", 2)
     def _add_warmup(config):
@@ -32,7 +32,7 @@ from artifacts.schema import KINDS
 
 @dataclass(frozen=True)
 class Source:
-    """Where an array comes from: a dataset of the file (and what is done to it), or memory."""
+    """Where an array comes from: a dataset in the file (with an optional transform), or memory."""
 
     stored: str | None
     transform: Callable[[np.ndarray], np.ndarray] | None = None
@@ -40,7 +40,7 @@ class Source:
 
 
 class ArrayView:
-    """The names of an artifact's arrays and where each comes from; nothing is read until asked for."""
+    """The names of an artifact's arrays and the source of each; data is read only on request."""
 
     def __init__(self, names: Iterable[str]) -> None:
         self.sources = {name: Source(name) for name in names}
@@ -55,7 +55,7 @@ class ArrayView:
         self.sources[name] = Source(None, value=np.asarray(value))
 
     def change(self, name: str, function: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Put the whole array through `function` when it is read, after any earlier change."""
+        """Apply `function` to the whole array when it is read, after any earlier change."""
         source = self.sources[name]
         before = source.transform
         if source.value is not None:
@@ -74,7 +74,7 @@ CONFIGURATIONS: dict[tuple[str, int], Configuration] = {}
 
 
 def migration(kind: str, from_version: int) -> Callable[[Migration], Migration]:
-    """Register the step from one schema version of a kind to the next."""
+    """Register the migration of a kind from one schema version to the next."""
 
     def register(function: Migration) -> Migration:
         MIGRATIONS[kind, from_version] = function
@@ -84,7 +84,7 @@ def migration(kind: str, from_version: int) -> Callable[[Migration], Migration]:
 
 
 def configuration(stage: str, from_version: int) -> Callable[[Configuration], Configuration]:
-    """Register the step of a stage's configuration from one schema version of checkpoints to the next."""
+    """Register the migration of a stage's configuration from one schema version of checkpoints to the next."""
 
     def register(function: Configuration) -> Configuration:
         CONFIGURATIONS[stage, from_version] = function
@@ -94,17 +94,17 @@ def configuration(stage: str, from_version: int) -> Callable[[Configuration], Co
 
 
 def migrate(manifest: dict[str, Any], arrays: ArrayView) -> None:
-    """Bring manifest and arrays to the current schema, in place.
+    """Migrate manifest and arrays to the current schema, in place.
 
     Raises:
-      ArtifactError: a step is missing, so the file is too old to be read.
+      ArtifactError: A step is missing, so the file is too old to be read.
     """
     kind = manifest["kind"]
     for version in range(manifest["schema_version"], KINDS[kind].version):
         step = MIGRATIONS.get((kind, version))
         if step is None:
             raise ArtifactError(
-                f"is of {kind} schema {version}, which is no longer read: "
+                f"is of {kind} schema {version}, which is no longer supported: "
                 f"make it again with `{COMMANDS.get(kind, 'ifo')}`"
             )
         step(manifest, arrays)
@@ -115,7 +115,7 @@ def migrate(manifest: dict[str, Any], arrays: ArrayView) -> None:
 
 
 def _without_digests(manifest: dict[str, Any], arrays: ArrayView) -> None:
-    """Schema 1 recorded the sha256 of parents' files. What it lacked, digests, recipe and summary, has defaults."""
+    """No-op: schema 1 recorded the SHA-256 of parents' files; the missing digests, recipe and summary have defaults."""
 
 
 for _kind in ("checkpoint", *(files.writes for files in STAGE_FILES.values())):

@@ -1,4 +1,4 @@
-"""Which kind of artifact each stage reads and writes. Known here and nowhere else; imports nothing heavy."""
+"""The kinds of artifact that each stage reads and writes. This is the only definition; it imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class StageFiles:
     writes: str
 
 
-# In the order of the pipeline. Where two stages write one kind, the first is the one that messages suggest.
+# In the order of the pipeline. If two stages write the same kind, messages suggest the first.
 STAGE_FILES: dict[str, StageFiles] = {
     "train-expert": StageFiles(None, "expert"),
     "collect-demos": StageFiles("expert", "demos"),
@@ -24,5 +24,5 @@ STAGE_FILES: dict[str, StageFiles] = {
     "evaluate": StageFiles("policy", "evaluation"),
 }
 
-# The command that writes each kind, for messages that say what to do.
+# The command that writes each kind, for error messages.
 COMMANDS: dict[str, str] = {files.writes: f"ifo {stage}" for stage, files in reversed(STAGE_FILES.items())}

@@ -1,4 +1,4 @@
-"""What an artifact was asked to be: stage, configuration, seed and inputs. Equal recipes make equal artifacts."""
+"""Recipes: the requested stage, configuration, seed and inputs of an artifact. Equal recipes give equal artifacts."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ UNKNOWN = "no record of what it was made with"
 
 
 def recipe_of(stage: str, config: Any, seed: int, parents: Sequence[str | Path | Artifact] = ()) -> dict[str, Any]:
-    """Return what a run is asked to make, as JSON values, for `write_artifact(..., recipe=...)`.
+    """Return the recipe of a run as JSON values, for `write_artifact(..., recipe=...)`.
 
     Args:
-      stage: name of the stage, as on the command line.
-      config: the stage's whole requested configuration: a dataclass or a mapping.
-      seed: of the run.
-      parents: the run's input artifacts.
+      stage: Name of the stage, as on the command line.
+      config: The stage's complete requested configuration: a dataclass or a mapping.
+      seed: Seed of the run.
+      parents: The run's input artifacts.
 
     Raises:
-      ArtifactError: a parent cannot be read.
+      ArtifactError: A parent cannot be read.
     """
     if dataclasses.is_dataclass(config) and not isinstance(config, type):
         config = dataclasses.asdict(config)
@@ -39,15 +39,15 @@ def recipe_of(stage: str, config: Any, seed: int, parents: Sequence[str | Path |
 
 
 def recipe_difference(artifact: Artifact | Manifest, recipe: Mapping[str, Any]) -> list[str]:
-    """Name what a run would do differently from the run that made an artifact; empty if nothing.
+    """Return the differences between a run and the run that made an artifact; empty if there are none.
 
     Args:
-      artifact: the artifact that is there, or its manifest.
-      recipe: of the run, from `recipe_of`.
+      artifact: The existing artifact, or its manifest.
+      recipe: Recipe of the run, from `recipe_of`.
 
     Returns:
-      `stage`, or else names of configuration keys (sorted), then `seed`, then `input file`. If the artifact does not
-      record its recipe, one entry that says so.
+      `stage`, or else the names of configuration keys (sorted), then `seed`, then `input file`. If the artifact does
+      not record its recipe, one entry that says so.
     """
     manifest = artifact.manifest if isinstance(artifact, Artifact) else artifact
     found = manifest.recipe
@@ -65,7 +65,7 @@ def recipe_difference(artifact: Artifact | Manifest, recipe: Mapping[str, Any]) 
 
 
 def _differ(before: Mapping[str, Any], now: Mapping[str, Any], key: str) -> bool:
-    """Whether two mappings of JSON values differ in a key; NaN equals NaN, and 1 equals 1.0."""
+    """Return whether two mappings of JSON values differ in a key; NaN equals NaN, and 1 equals 1.0."""
     if key not in before or key not in now:
         return True
     a, b = before[key], now[key]

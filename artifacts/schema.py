@@ -1,4 +1,4 @@
-"""What an artifact is: its manifest, and the datasets that each kind must hold."""
+"""The schema of artifacts: the manifest, and the datasets that each kind must hold."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from artifacts.errors import ArtifactError
 DIGEST = "manifest_sha256"
 JSON_FIELDS = ("config", "parents", "environment", "datasets", "recipe", "summary")
 INT64 = range(-(2**63), 2**63)
-DIGESTS_SINCE = 2  # the first schema version with a digest per dataset, and of the content
-SCHEMA = 2  # of every kind
+DIGESTS_SINCE = 2  # first schema version with a digest of each dataset and of the content
+SCHEMA = 2  # current schema version of every kind
 
-# What differs between two runs of one command with one seed: measured times and names of files. Patterns of
-# KIND/NAME for datasets and of KIND/KEY/KEY for configurations, where an item of a list has its index as key.
+# Values that differ between two runs of the same command with the same seed: measured times and file names. Patterns
+# for datasets have the form KIND/NAME, for configurations KIND/KEY/KEY, where the key of a list item is its index.
 VOLATILE_DATASETS = ("*/curve/seconds",)
 VOLATILE_CONFIG = ("*/seconds", "*/minutes", "*/learning_minutes", "evaluation/runs/*/policy")
 
@@ -30,10 +30,10 @@ class Parent(BaseModel):
     """A file that an artifact was made from.
 
     Attributes:
-      kind: of that file.
-      path: relative to the artifact's folder.
-      content: digest of that file's content; empty if recorded by schema 1.
-      sha256: digest of that file's bytes, recorded by schema 1 only.
+      kind: Kind of that file.
+      path: Path relative to the artifact's folder.
+      content: Digest of that file's content; empty if recorded by schema 1.
+      sha256: Digest of that file's bytes, recorded only by schema 1.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -45,28 +45,28 @@ class Parent(BaseModel):
 
     @property
     def digest(self) -> str:
-        """The digest that was recorded: of the content, else of the bytes."""
+        """The recorded digest: of the content if known, otherwise of the bytes."""
         return self.content or self.sha256
 
 
 class Manifest(BaseModel):
-    """Where an artifact comes from: the root attributes, the same for every kind.
+    """The origin of an artifact: the root attributes, which are the same for every kind.
 
     Attributes:
-      kind: one of `KINDS`.
-      schema_version: of the data as it is read; older files are migrated.
-      created: UTC, ISO 8601.
-      ifo_version: of the ifo that wrote the file.
-      config: the stage's whole configuration, JSON values.
-      seed: of the run.
-      command: the command line.
-      parents: the files that the artifact was made from.
-      environment: versions and devices.
-      datasets: name of each dataset in the file -> its digest; empty in files of schema 1.
-      content: digest of what the artifact is, independent of when, where and in which environment it was made;
+      kind: One of `KINDS`.
+      schema_version: Schema version of the data as it is read; older files are migrated.
+      created: Time of creation, UTC, ISO 8601.
+      ifo_version: Version of ifo that wrote the file.
+      config: The stage's complete configuration, JSON values.
+      seed: Seed of the run.
+      command: The command line.
+      parents: The files that the artifact was made from.
+      environment: Versions and devices.
+      datasets: Name of each dataset in the file -> its digest; empty in files of schema 1.
+      content: Digest of the content, independent of when, where and in which environment the artifact was made;
         empty in files of schema 1 (`Artifact.content` computes it).
-      recipe: what the command asked for, as `recipe_of` gives it.
-      summary: figures that the stage printed; no part of the content.
+      recipe: The requested stage, configuration, seed and inputs, from `recipe_of`.
+      summary: Figures that the stage printed; not part of the content.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -86,9 +86,9 @@ class Manifest(BaseModel):
     summary: dict[str, Any] = {}
 
     def to_attributes(self) -> dict[str, int | str]:
-        """Return the HDF5 root attributes, a digest of all the others among them.
+        """Return the HDF5 root attributes, including a digest of all others.
 
-        HDF5 keeps no checksum of a large attribute, hence the digest.
+        The digest is needed because HDF5 has no checksum for large attributes.
         """
         attributes: dict[str, int | str] = {}
         fields = self.model_dump()
@@ -100,13 +100,13 @@ class Manifest(BaseModel):
                 attributes[name] = str(value)
             else:
                 attributes[name] = value
-        # What UTF-8 cannot hold (a file name in bytes of old) stays readable in the command.
+        # Characters that UTF-8 cannot encode (from a file name in another encoding) stay readable in the command.
         attributes["command"] = self.command.encode("utf-8", "backslashreplace").decode("utf-8")
         return {**attributes, DIGEST: attributes_digest(attributes)}
 
     @classmethod
     def from_fields(cls, fields: Mapping[str, Any]) -> Manifest:
-        """Check decoded fields; raises ArtifactError with the first problem, without the file's name."""
+        """Check decoded fields, and raise ArtifactError with the first problem, without the file's name."""
         try:
             return cls.model_validate(dict(fields))
         except ValidationError as error:
@@ -116,18 +116,18 @@ class Manifest(BaseModel):
 
     @classmethod
     def from_attributes(cls, attributes: Mapping[str, int | str]) -> Manifest:
-        """Inverse of `to_attributes`; the digest is not checked here."""
+        """Return the manifest from root attributes (inverse of `to_attributes`); the digest is not checked here."""
         return cls.from_fields(decode_attributes(attributes))
 
 
 def attributes_digest(attributes: Mapping[str, int | str]) -> str:
-    """Return the sha256 of all attributes except the digest itself, whatever their names."""
+    """Return the SHA-256 of all attributes, whatever their names, except the digest itself."""
     rest = {name: value for name, value in attributes.items() if name != DIGEST}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 
 
 def decode_attributes(attributes: Mapping[str, int | str]) -> dict[str, Any]:
-    """Return the manifest's fields as plain values, JSON decoded."""
+    """Return the manifest's fields as plain values, decoded from JSON."""
     fields: dict[str, Any] = {name: value for name, value in attributes.items() if name != DIGEST}
     for name in JSON_FIELDS:
         if isinstance(fields.get(name), str):
@@ -139,23 +139,23 @@ def decode_attributes(attributes: Mapping[str, int | str]) -> dict[str, Any]:
 
 
 def json_values(value: Any) -> Any:
-    """Return configuration values as they come back from a file: tuples as lists, paths as text, plain numbers.
+    """Return configuration values as they are read back from a file: tuples as lists, paths as text, plain numbers.
 
     Raises:
-      TypeError: something in it has no place in a configuration.
+      TypeError: A value cannot be part of a configuration.
     """
     return json.loads(json.dumps(value, default=_plain))
 
 
 def _plain(value: Any) -> Any:
-    """Turn what configurations commonly hold into JSON values."""
+    """Convert paths and NumPy values to JSON values."""
     if isinstance(value, PurePath):
         return str(value)
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, np.ndarray):
         return value.tolist()
-    raise TypeError(f"{value!r} ({type(value).__name__}) has no place in a configuration: use plain values")
+    raise TypeError(f"{value!r} ({type(value).__name__}) cannot be part of a configuration: use plain values")
 
 
 @dataclass(frozen=True)
@@ -163,9 +163,8 @@ class DatasetSpec:
     """Axes and types of a dataset.
 
     Attributes:
-      axes: a name or a fixed length an axis; the same name means the same length
-        throughout the file. None: any shape.
-      dtypes: exact names ("uint8") or NumPy kinds ("f"). Empty: any.
+      axes: A name or a fixed length per axis; the same name means the same length throughout the file. None: any shape.
+      dtypes: Exact names ("uint8") or NumPy kinds ("f"). Empty: any.
     """
 
     axes: tuple[str | int, ...] | None = None
@@ -176,7 +175,7 @@ class DatasetSpec:
         return None if self.axes is None else len(self.axes)
 
     def problem(self, shape: tuple[int, ...], dtype: np.dtype, lengths: dict[str, int]) -> str | None:
-        """Say in words why this array does not fit, or None; `lengths` gathers the named axes."""
+        """Describe why an array does not fit, or return None; `lengths` collects the lengths of the named axes."""
         if self.dtypes and dtype.name not in self.dtypes and dtype.kind not in self.dtypes:
             return f"is {dtype.name}, expected {self}"
         if self.axes is None:
@@ -197,12 +196,12 @@ class DatasetSpec:
 
 @dataclass(frozen=True)
 class KindSpec:
-    """What a kind of artifact must hold; anything more is welcome.
+    """The datasets that a kind of artifact must hold; it may hold more.
 
     Attributes:
-      version: the schema version that is written, and the newest that is read.
-      datasets: required datasets; a name ending in `/*` means at least one under it.
-      optional: datasets that may be missing.
+      version: The schema version that is written, and the newest that can be read.
+      datasets: Required datasets; a name ending in `/*` means at least one dataset in that group.
+      optional: Datasets that may be missing.
     """
 
     version: int = SCHEMA
@@ -210,7 +209,7 @@ class KindSpec:
     optional: Mapping[str, DatasetSpec] = field(default_factory=dict)
 
     def problem(self, found: Mapping[str, tuple[tuple[int, ...], np.dtype]]) -> str | None:
-        """Say in words what is missing or of another shape among name -> (shape, dtype), or None."""
+        """Describe the first missing or mismatching dataset among name -> (shape, dtype), or return None."""
         lengths: dict[str, int] = {}
         for wanted, spec in {**self.datasets, **self.optional}.items():
             if wanted.endswith("/*"):
@@ -233,7 +232,7 @@ KINDS: dict[str, KindSpec] = {
     "demos": KindSpec(
         SCHEMA,
         {"frames": DatasetSpec(("N", "T", "H", "W", 3), ("uint8",))},
-        # Simulated demonstrations have distances, imported ones the time stamps of their frames.
+        # Simulated demonstrations have distances; imported ones have the time stamps of their frames.
         {"final_distance": DatasetSpec(("N",), ("f",)), "times": DatasetSpec(("N", "T"), ("f",))},
     ),
     "translator": KindSpec(SCHEMA, _WEIGHTS),
@@ -252,7 +251,7 @@ KINDS: dict[str, KindSpec] = {
 
 
 class Config(dict[str, Any]):
-    """A configuration whose missing keys are the file's fault, not a bug."""
+    """A configuration in which a missing key is an error of the file, not a bug."""
 
     def __init__(self, path: Path, values: dict[str, Any]):
         super().__init__(values)

@@ -1,4 +1,4 @@
-"""Read artifacts."""
+"""Reading of artifacts."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ from artifacts.wording import a_, either, how_to_make, naming, undamaged
 
 REPLACED = "was replaced or removed while in use: run the command again"
 Kinds = str | tuple[str, ...] | None
-Identity = tuple[int, int, int, int]  # of a file: device, inode, size, time of the last change
+Identity = tuple[int, int, int, int]  # identity of a file: device, inode, size, modification time
 
 
 class Artifact:
     """An artifact on disk. The file is open only during a read.
 
-    Every read raises ArtifactError, naming file and dataset, when the data is damaged or the
-    file was replaced since `read_artifact`. Whole datasets are checked against their digests,
-    parts only against HDF5's checksums.
+    Every read raises ArtifactError, which names the file and the dataset, if the data is damaged or the file was
+    replaced since `read_artifact`. Whole datasets are checked against their digests, parts of datasets only against
+    HDF5's checksums.
     """
 
     def __init__(self, path: Path, manifest: Manifest, sources: dict[str, Source], identity: Identity | None) -> None:
@@ -54,14 +54,14 @@ class Artifact:
 
     @property
     def config(self) -> dict[str, Any]:
-        """The stage's configuration; a key that is not there is an ArtifactError that names the file."""
+        """The stage's configuration; a missing key raises an ArtifactError that names the file."""
         return Config(self.path, self.manifest.config)
 
     @property
     def content(self) -> str:
-        """Digest of the content: equal for two runs of one command with one seed.
+        """Digest of the content: equal for two runs of the same command with the same seed.
 
-        It is in the manifest. Only for a file of schema 1 it is computed, once, by reading the file whole.
+        It is stored in the manifest. For a file of schema 1 it is computed once, by reading the whole file.
         """
         return self.manifest.content or _content_of_old(self.path, self._identity)
 
@@ -75,27 +75,27 @@ class Artifact:
         return f"<Artifact {self.path} ({self.kind}, {len(self._sources)} datasets)>"
 
     def names(self, prefix: str = "") -> list[str]:
-        """Names of the datasets that start with `prefix`, sorted."""
+        """Return the names of the datasets that start with `prefix`, sorted."""
         return sorted(name for name in self._sources if name.startswith(prefix))
 
     def describe(self) -> dict[str, tuple[tuple[int, ...], np.dtype]]:
-        """Shape and type of every dataset, without reading the data."""
+        """Return the shape and type of every dataset, without reading the data."""
         with open_unchanged(self) as file:
             return {name: self._describe(file, name) for name in self.names()}
 
     def read(self, name: str, selection: Any = ...) -> np.ndarray:
-        """Read a dataset, or the part that a NumPy-like selection (`slice(3)`, `(0, ...)`) names."""
+        """Read a dataset, or the part given by a NumPy-style selection (`slice(3)`, `(0, ...)`)."""
         with open_unchanged(self) as file:
             return self._read(file, name, selection)
 
     def group(self, prefix: str) -> dict[str, np.ndarray]:
-        """Read all datasets under a group: names relative to it -> arrays; empty if there are none."""
+        """Read all datasets in a group: names relative to the group -> arrays; empty if there are none."""
         prefix = prefix.rstrip("/") + "/"
         with open_unchanged(self) as file:
             return {name.removeprefix(prefix): self._read(file, name) for name in self.names(prefix)}
 
     def parent(self, kind: str, *, check: bool = False) -> Artifact:
-        """Open the parent of that kind; with `check`, make sure that its content is still the same."""
+        """Open the parent of a kind; with `check`, verify that its content is unchanged."""
         for parent in self.manifest.parents:
             if parent.kind == kind:
                 if check:
@@ -125,12 +125,12 @@ class Artifact:
 
 
 def read_artifact(path: str | Path, kind: Kinds = None) -> Artifact:
-    """Open an artifact and check that it is whole in form, of the wanted kind, and readable.
+    """Open an artifact and check that it is complete, readable and of the wanted kind.
 
-    Data is not read here, so damage to it shows when it is: see `verify_artifact`.
+    The data is not read here, so damaged data is noticed only when it is read: see `verify_artifact`.
 
     Raises:
-      ArtifactError: one line that says what is wrong and what to do.
+      ArtifactError: One line that says what is wrong and what to do.
     """
     path = Path(path)
     wanted = (kind,) if isinstance(kind, str) else kind
@@ -163,18 +163,18 @@ def read_artifact(path: str | Path, kind: Kinds = None) -> Artifact:
 
 
 def content_of(path: str | Path) -> str:
-    """Return the digest of an artifact's content, as `Artifact.content`.
+    """Return the digest of an artifact's content, as `Artifact.content` does.
 
     Raises:
-      ArtifactError: the file cannot be read.
+      ArtifactError: The file cannot be read.
     """
     return read_artifact(path).content
 
 
 def is_unchanged(parent: Parent, found: Artifact) -> bool:
-    """Tell whether an artifact has the content that a child recorded of its parent.
+    """Return whether an artifact has the content that a child recorded for its parent.
 
-    Only what schema 1 recorded or wrote must be read whole, once.
+    The file is read completely (once) only if it or the record is of schema 1.
     """
     if parent.content:
         return parent.content == found.content
@@ -182,10 +182,10 @@ def is_unchanged(parent: Parent, found: Artifact) -> bool:
 
 
 def check_parent(child: Path, parent: Parent) -> None:
-    """Make sure that a parent is there and has the content that the child recorded.
+    """Check that a parent exists and has the content that the child recorded.
 
     Raises:
-      ArtifactError: it is missing, unreadable, or another.
+      ArtifactError: The parent is missing, unreadable, or has other content.
     """
     path = _existing_parent(child, parent)
     if not is_unchanged(parent, read_artifact(path)):
@@ -196,10 +196,10 @@ def check_parent(child: Path, parent: Parent) -> None:
 
 @contextmanager
 def open_unchanged(artifact: Artifact) -> Iterator[Any]:
-    """Open the HDF5 file behind an artifact, and name it in errors.
+    """Open the HDF5 file of an artifact; errors in the block name the file.
 
     Raises:
-      ArtifactError: the file was replaced since `read_artifact`, or cannot be opened.
+      ArtifactError: The file was replaced since `read_artifact`, or cannot be opened.
     """
     with naming(artifact.path):
         if _identity(artifact.path) != artifact._identity:
@@ -219,24 +219,24 @@ def _check_is_file(path: Path, wanted: tuple[str, ...] | None) -> None:
     except OSError as error:
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error
     if start != hdf5.SIGNATURE:
-        raise ArtifactError(f"{path}: is not HDF5, so no ifo artifact: {how_to_make(wanted, 'pass')}")
+        raise ArtifactError(f"{path}: is not HDF5, so not an ifo artifact: {how_to_make(wanted, 'pass')}")
 
 
 def _checked_fields(file: Any, wanted: tuple[str, ...] | None = None) -> dict[str, Any]:
-    """The manifest's fields as the file has them."""
+    """Return the manifest's fields as stored in the file."""
     attributes = hdf5.read_attributes(file)
     if "kind" not in attributes or "schema_version" not in attributes or DIGEST not in attributes:
-        raise ArtifactError(f"is HDF5 but no ifo artifact: {how_to_make(wanted, 'pass')}")
+        raise ArtifactError(f"is HDF5 but not an ifo artifact: {how_to_make(wanted, 'pass')}")
     if attributes_digest(attributes) != attributes[DIGEST]:
         raise ArtifactError("has a damaged manifest: restore the file or make it again")
     fields = decode_attributes(attributes)
     if not isinstance(fields["kind"], str) or not isinstance(fields["schema_version"], int):
-        raise ArtifactError(f"is HDF5 but no ifo artifact: {how_to_make(wanted, 'pass')}")
+        raise ArtifactError(f"is HDF5 but not an ifo artifact: {how_to_make(wanted, 'pass')}")
     return fields
 
 
 def _check_names(stored: list[str], manifest: Manifest) -> None:
-    """Raise ArtifactError where the file holds other datasets than its manifest lists."""
+    """Raise ArtifactError if the file does not hold exactly the datasets that its manifest lists."""
     missing = sorted(manifest.datasets.keys() - set(stored))
     unknown = sorted(set(stored) - manifest.datasets.keys())
     if missing:
@@ -246,7 +246,7 @@ def _check_names(stored: list[str], manifest: Manifest) -> None:
 
 
 def _existing_parent(child: Path, parent: Parent) -> Path:
-    """The parent's path, or an ArtifactError that names both files."""
+    """Return the parent's path, or raise an ArtifactError that names both files."""
     path = parent_path(child, parent)
     if not path.is_file():
         raise ArtifactError(
@@ -266,7 +266,7 @@ def _identity(path: Path) -> Identity | None:
 
 @functools.lru_cache(maxsize=1024)
 def _content_of_old(path: Path, identity: Identity | None) -> str:
-    """The content digest of a file of schema 1, from what is stored, so that it never depends on migrations."""
+    """Return the content digest of a file of schema 1, computed from the stored data, independent of migrations."""
     with naming(path):
         if _identity(path) != identity:
             raise ArtifactError(REPLACED)
@@ -281,7 +281,7 @@ def _content_of_old(path: Path, identity: Identity | None) -> str:
 
 @functools.lru_cache(maxsize=1024)
 def _sha256(path: Path, identity: Identity | None) -> str:
-    """The sha256 of a file; its identity tells whether it is still the same."""
+    """Return the SHA-256 of a file; the identity is part of the cache key, so a changed file is read again."""
     try:
         return sha256_of(path)
     except OSError as error:

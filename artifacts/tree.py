@@ -1,7 +1,7 @@
-"""Nested Python values as JSON text plus arrays, and back, exactly.
+"""Lossless conversion of nested Python values to JSON text plus arrays, and back.
 
-JSON's own null, booleans, strings, finite floats, lists and small integers stand for themselves;
-everything else is an object with one key that names its type. No pickle: unpacking runs no code.
+null, booleans, strings, finite floats, lists and small integers are stored as JSON values. Everything else is stored as
+an object with one key, which names the type. No pickle: unpacking runs no code.
 """
 
 from __future__ import annotations
@@ -20,25 +20,27 @@ from artifacts.errors import ArtifactError
 
 ARRAY_KINDS = "biufcSU"
 SCALAR_KINDS = "biufcmM"
-EXACT_JSON_INTEGERS = 2**63  # beyond it hexadecimal: Python limits the length of decimal conversions
+EXACT_JSON_INTEGERS = (
+    2**63
+)  # larger integers are stored in hexadecimal: Python limits the length of decimal conversions
 
 
 def pack(tree: Any) -> tuple[str, dict[str, np.ndarray]]:
     """Split a tree into ASCII JSON text and the arrays it refers to.
 
     Args:
-      tree: nested dict (str or int keys; an OrderedDict comes back as dict), list, tuple, None, bool,
-        int, float, str, bytes, NumPy scalars, and arrays of numbers, booleans or strings.
+      tree: Nested dict (str or int keys; an OrderedDict is restored as dict), list, tuple, None, bool, int, float, str,
+        bytes, NumPy scalars, and arrays of numbers, booleans or strings.
 
     Raises:
-      TypeError: something else is in the tree; the message says where.
+      TypeError: The tree holds a value of another type; the message says where.
     """
     arrays: dict[str, np.ndarray] = {}
     return json.dumps(_encode(tree, arrays, "tree")), arrays
 
 
 def unpack(json_text: str, arrays: Mapping[str, np.ndarray]) -> Any:
-    """Inverse of `pack`; raises ArtifactError if the text is not what `pack` writes."""
+    """Restore a tree (inverse of `pack`); raise ArtifactError if `pack` did not write the text."""
     try:
         return _decode(json.loads(json_text), arrays)
     except (ValueError, KeyError, TypeError, AttributeError, struct.error, RecursionError) as error:
@@ -47,7 +49,7 @@ def unpack(json_text: str, arrays: Mapping[str, np.ndarray]) -> Any:
 
 
 def _encode(value: Any, arrays: dict[str, np.ndarray], where: str) -> Any:
-    # NumPy scalars first: np.float64 is a float, np.str_ a str.
+    # NumPy scalars come first: np.float64 is a subclass of float, and np.str_ of str.
     if isinstance(value, np.generic):
         return _encode_scalar(value, where)
     kind = type(value)

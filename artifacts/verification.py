@@ -1,4 +1,4 @@
-"""Check artifacts: is their data undamaged, and are their parents the ones that they were made from?"""
+"""Verification of artifacts: that their data is undamaged and their parents are unchanged."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from artifacts.wording import undamaged
 
 @dataclass(frozen=True)
 class VerifyReport:
-    """What `verify_artifact` found in order: `bytes` is the file's size."""
+    """The file that `verify_artifact` found intact: path, kind, dataset count, size in bytes, parent count."""
 
     path: Path
     kind: str
@@ -23,12 +23,12 @@ class VerifyReport:
 
 
 def verify_artifact(path: str | Path) -> VerifyReport:
-    """Read every dataset, piece by piece, check its digest, and check that each parent is there and is the same.
+    """Read every dataset in blocks, check its digest, and check that each parent exists and is unchanged.
 
-    A parent is compared by its manifest; its own data is checked when it is verified itself.
+    Parents are compared by their manifests; a parent's data is checked only when the parent itself is verified.
 
     Raises:
-      ArtifactError: the first problem, in one line.
+      ArtifactError: The first problem, in one line.
     """
     artifact = read_artifact(path)
     digests = artifact.manifest.datasets

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 def ifo_version() -> str:
-    """The version of the installed package; `0.0.0+unknown` where it is not installed."""
+    """Return the version of the installed package; `0.0.0+unknown` if it is not installed."""
     from importlib import metadata
 
     try:

@@ -1,4 +1,4 @@
-"""Videos and pictures for people; arrays are the truth. Everything is RGB, uint8, channel last."""
+"""Videos and images for inspection; stages compute with the arrays. Everything is RGB, uint8, channel last."""
 
 from __future__ import annotations
 
@@ -15,27 +15,29 @@ from artifacts.encoding import CRF
 from artifacts.errors import ArtifactError
 from artifacts.paths import sibling
 
-MIN_HEIGHT = 192  # pixels that a video is enlarged to
-LARGE = 128  # pixels of a frame's height that is shown as it is
-GRID_WIDTH = 1536  # pixels of an overview's MP4, at most
+MIN_HEIGHT = 192  # pixels; smaller videos are enlarged to at least this height
+LARGE = 128  # pixels; contact sheets enlarge frames up to this height
+GRID_WIDTH = 1536  # pixels; maximum width of an overview's MP4
 BACKGROUND = 255
 INK = (0, 0, 0)
-# The containers that are read. A playlist named x.mp4 would make FFmpeg open any file or address that it lists.
+# The containers that can be read. Others are refused, because a playlist named x.mp4 would make FFmpeg open any file or
+# address that it lists.
 FORMATS = "mov,avi,matroska,gif,mpegts,mpeg,asf,flv,ogg"
 
 
 def upscale(frames: np.ndarray, factor: int) -> np.ndarray:
-    """Enlarge (..., H, W, C) by a whole number, nearest neighbour."""
+    """Enlarge (..., H, W, C) by an integer factor, nearest neighbor."""
     return frames if factor == 1 else frames.repeat(factor, axis=-3).repeat(factor, axis=-2)
 
 
 def write_mp4(
     path: str | Path, frames: np.ndarray, fps: float = 10, min_height: int = MIN_HEIGHT, crf: int = CRF
 ) -> Path:
-    """Write (T, H, W, 3) uint8 as H.264, yuv420p, faststart, whole or not at all.
+    """Write (T, H, W, 3) uint8 atomically as H.264, yuv420p, faststart.
 
-    Frames are upscaled by a whole number until `min_height` pixels high, and padded to even
-    dimensions by repeating the last row or column. `crf` is x264's constant rate factor: 0 is lossless, 51 the worst.
+    Frames are enlarged by the smallest integer factor that makes them at least `min_height` pixels high, and padded to
+    even dimensions by repeating the last row or column. `crf` is x264's constant rate factor: 0 is lossless, 51 the
+    lowest quality.
     """
     import av
 
@@ -58,17 +60,18 @@ def write_mp4(
 
 
 def open_video(path: str | Path) -> Any:
-    """Open a video file for reading, as a PyAV container. Behaves the same from PyAV 14 to PyAV 19.
+    """Open a video file for reading, as a PyAV container. It behaves the same with PyAV 14 to 19.
 
     Raises:
-      av.error.FFmpegError, OSError, ValueError: the file is missing, or not a video in one of `FORMATS`.
+      av.error.FFmpegError, OSError, ValueError: The file is missing, or not a video in one of `FORMATS`.
     """
     import av
 
-    # Up to version 18, metadata that is not UTF-8 raises an error unless told otherwise; version 19 never raises.
+    # Up to version 18, metadata that is not UTF-8 raises an error by default; version 19 never raises.
     lenient: dict[str, Any] = {} if int(av.__version__.split(".")[0]) >= 19 else {"metadata_errors": "ignore"}
-    # "file:", because a name such as concat:x.mp4 would be taken for a protocol. Not `options`: up to version 16 those
-    # go to the streams as well, and crash the interpreter where streams appear only while reading (MPEG-PS).
+    # Without "file:", a name such as concat:x.mp4 would be interpreted as a protocol. `options` cannot be used: up to
+    # version 16 they are also applied to the streams, which crashes the interpreter if streams appear only during
+    # reading (MPEG-PS).
     return av.open(f"file:{path}", container_options={"format_whitelist": FORMATS}, **lenient)
 
 
@@ -76,7 +79,7 @@ def read_mp4(path: str | Path) -> np.ndarray:
     """Read a video, an MP4 or another of `FORMATS`, as (T, H, W, 3) uint8.
 
     Raises:
-      ArtifactError: missing, truncated, or not a video.
+      ArtifactError: The file is missing, truncated, or not a video.
     """
     import av
 
@@ -92,19 +95,19 @@ def read_mp4(path: str | Path) -> np.ndarray:
                     raise ArtifactError(f"{path}: the video is truncated or damaged: get the file again")
                 frames.extend(frame.to_ndarray(format="rgb24") for frame in packet.decode())
     except (av.error.FFmpegError, OSError, IndexError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "no video in it"
+        reason = getattr(error, "strerror", None) or "it contains no video"
         raise ArtifactError(f"{path}: cannot be read as a video ({reason}): expected an MP4") from error
     if packets < expected:
         raise ArtifactError(f"{path}: holds {packets} of {expected} frames, truncated: get the file again")
     if not frames:
         raise ArtifactError(f"{path}: holds no frames: expected a video")
     if len({frame.shape for frame in frames}) > 1:
-        raise ArtifactError(f"{path}: changes its frame size midway: convert it to one size first")
+        raise ArtifactError(f"{path}: the frame size changes within the video: convert it to one size first")
     return np.stack(frames)
 
 
 def write_png(path: str | Path, image: np.ndarray) -> Path:
-    """Write (H, W, 3) uint8 RGB as PNG, whole or not at all."""
+    """Write (H, W, 3) uint8 RGB as PNG, atomically."""
     import cv2
 
     image = _checked(image, 3)
@@ -113,10 +116,10 @@ def write_png(path: str | Path, image: np.ndarray) -> Path:
 
 
 def read_png(path: str | Path) -> np.ndarray:
-    """Read a picture (PNG, or JPEG) as (H, W, 3) uint8 RGB.
+    """Read an image (PNG or JPEG) as (H, W, 3) uint8 RGB.
 
     Raises:
-      ArtifactError: missing, or not a picture.
+      ArtifactError: The file is missing, or not an image.
     """
     import cv2
 
@@ -126,7 +129,7 @@ def read_png(path: str | Path) -> np.ndarray:
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}): expected a PNG") from error
     image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
     if image is None:
-        raise ArtifactError(f"{path}: cannot be read as a picture: expected a PNG")
+        raise ArtifactError(f"{path}: cannot be read as an image: expected a PNG")
     return np.ascontiguousarray(image[..., ::-1])
 
 
@@ -136,14 +139,14 @@ def tile_videos(
     labels: Sequence[str] | None = None,
     scale: int = 4,
 ) -> np.ndarray:
-    """Lay videos out in a grid, for comparing them side by side.
+    """Arrange videos in a grid, to compare them side by side.
 
     Args:
-      rows: rows of videos (T, H, W, 3) or stills (H, W, 3); a shorter video holds its last frame.
-        Rows may differ in length, cells in size.
-      gap: pixels between cells, in the output.
-      labels: one text a column, drawn above it and shrunk to fit.
-      scale: whole number that every cell is enlarged by, nearest neighbour.
+      rows: Rows of videos (T, H, W, 3) or still images (H, W, 3); a shorter video repeats its last frame. Rows may
+        differ in length, and cells in size.
+      gap: Pixels between cells, in the output.
+      labels: One text per column, drawn above it and shrunk to fit.
+      scale: Integer factor by which every cell is enlarged, nearest neighbor.
 
     Returns:
       (T, H', W', 3) uint8, as long as the longest video.
@@ -172,15 +175,15 @@ def tile_videos(
 
 
 def contact_sheet(frames: np.ndarray, n: int = 20, moments: int = 5) -> np.ndarray:
-    """Show `n` evenly chosen videos, each as a strip of frames at evenly spaced times.
+    """Show up to `n` evenly spaced videos, each as a strip of frames at evenly spaced times.
 
     Args:
-      frames: (N, T, H, W, 3) uint8.
-      n: how many videos, at most.
-      moments: frames a video, the first and the last among them.
+      frames: Videos (N, T, H, W, 3), uint8.
+      n: Maximum number of videos.
+      moments: Frames per video, including the first and the last.
 
     Returns:
-      An image (H', W', 3), strips in as many columns as make it about square.
+      An image (H', W', 3), with as many columns of strips as make it about square.
     """
     frames = _checked(frames, 5)
     videos = np.unique(np.linspace(0, len(frames) - 1, min(n, len(frames))).round().astype(int))
@@ -193,11 +196,11 @@ def contact_sheet(frames: np.ndarray, n: int = 20, moments: int = 5) -> np.ndarr
 
 
 def write_overview(artifact: str | Path, videos: np.ndarray) -> dict[str, str]:
-    """Write what people look at beside a demos artifact: a contact sheet, and an MP4 of the first videos in a grid.
+    """Write files for inspection next to a demos artifact: a contact sheet, and an MP4 of the first videos in a grid.
 
     Args:
-      artifact: path of the artifact.
-      videos: (N, T, H, W, 3) uint8.
+      artifact: Path of the artifact.
+      videos: Videos (N, T, H, W, 3), uint8.
 
     Returns:
       The paths, as `contact_sheet` and `video`.
@@ -216,7 +219,7 @@ def write_overview(artifact: str | Path, videos: np.ndarray) -> dict[str, str]:
 def _checked(frames: np.ndarray, ndim: int) -> np.ndarray:
     frames = np.asarray(frames)
     if frames.ndim != ndim or frames.shape[-1] != 3 or frames.dtype != np.uint8 or frames.size == 0:
-        raise ValueError(f"expected {ndim} axes, the last of 3 colours, uint8; got {frames.shape} {frames.dtype}")
+        raise ValueError(f"expected {ndim} axes, the last of 3 colors, uint8; got {frames.shape} {frames.dtype}")
     return frames
 
 
@@ -225,7 +228,7 @@ def _offsets(sizes: Sequence[int], gap: int, start: int = 0) -> list[int]:
 
 
 def caption(labels: Sequence[str], widths: Sequence[int], gap: int = 0) -> np.ndarray:
-    """Draw one text above each column, shrunk to fit: an image (24, W, 3), uint8."""
+    """Return an image (24, W, 3), uint8, with one text per column, shrunk to fit."""
     import cv2
 
     font, size, height = cv2.FONT_HERSHEY_SIMPLEX, 0.6, 24

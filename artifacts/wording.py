@@ -1,4 +1,4 @@
-"""Words that error messages share, and what puts the file's name before them."""
+"""Common parts of error messages, and context managers that add the file's name."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from artifacts.pipeline import COMMANDS
 
 
 def how_to_make(kinds: str | tuple[str, ...] | None, verb: str) -> str:
-    """`pass the file that `ifo x` printed`, for the kinds wanted."""
+    """Return an instruction for the wanted kinds, for example: pass the file that `ifo x` printed."""
     kinds = (kinds,) if isinstance(kinds, str) else kinds
     commands = [f"`{COMMANDS[kind]}`" for kind in kinds or () if kind in COMMANDS]
     if not commands:
@@ -42,7 +42,7 @@ def naming(path: Path) -> Iterator[None]:
 
 @contextmanager
 def undamaged(problem: str) -> Iterator[None]:
-    """Turn what h5py raises on a damaged file into an ArtifactError."""
+    """Convert the exceptions that h5py raises for a damaged file to ArtifactError."""
     try:
         yield
     except IfoError:

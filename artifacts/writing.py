@@ -1,4 +1,4 @@
-"""Write artifacts."""
+"""Writing of artifacts."""
 
 from __future__ import annotations
 
@@ -33,29 +33,29 @@ def write_artifact(
     recipe: Mapping[str, Any] | None = None,
     summary: Mapping[str, Any] | None = None,
 ) -> Path:
-    """Write an artifact whole or not at all, replacing an older one of that name.
+    """Write an artifact atomically; an older file of that name is replaced.
 
     Args:
-      path: by convention `NAME.KIND.h5`; the folder is made if missing.
-      kind: one of `KINDS`.
-      arrays: dataset name (slashes make groups) -> array of numbers, booleans or strings.
-      config: the stage's whole configuration, JSON values.
-      seed: the run's seed.
-      command: the command line as the user could repeat it.
-      parents: the artifacts that this one was made from. An `Artifact` that was opened earlier is recorded as what
-        it was then; a path as what is there now.
-      environment: versions and devices.
-      recipe: what the command asked for, from `recipe_of`.
-      summary: figures to print again when the artifact is kept; JSON values, no part of the content.
+      path: Path of the artifact, by convention `NAME.KIND.h5`; the folder is created if it is missing.
+      kind: One of `KINDS`.
+      arrays: Dataset name (slashes make groups) -> array of numbers, booleans or strings.
+      config: The stage's complete configuration, JSON values.
+      seed: Seed of the run.
+      command: The command line, such that the user can repeat it.
+      parents: The artifacts that this one was made from. For an opened `Artifact` the content at the time of opening is
+        recorded, for a path the current content.
+      environment: Versions and devices.
+      recipe: The requested stage, configuration, seed and inputs, from `recipe_of`.
+      summary: Figures that are printed again when the artifact is kept; JSON values, not part of the content.
 
     Raises:
-      ArtifactError: the arrays are not what the kind holds, or a parent is unreadable. Nothing is written.
-      PlatformError: the file cannot be written.
+      ArtifactError: The arrays do not match the kind, or a parent is unreadable. Nothing is written.
+      PlatformError: The file cannot be written.
     """
     path = Path(path)
     arrays = {name: np.asarray(array) for name, array in arrays.items()}
     if kind not in KINDS:
-        raise ArtifactError(f"{path}: {kind!r} is no kind of artifact: expected one of {', '.join(KINDS)}")
+        raise ArtifactError(f"{path}: {kind!r} is not a kind of artifact: expected one of {', '.join(KINDS)}")
     with naming(path):
         hdf5.check_arrays(arrays)
         problem = KINDS[kind].problem({name: (array.shape, array.dtype) for name, array in arrays.items()})
@@ -89,7 +89,7 @@ def write_artifact(
 
 
 def _recorded(parent: str | Path | Artifact, child: Path) -> Parent:
-    """What a child records of a parent."""
+    """Return the record of a parent for its child's manifest."""
     artifact = parent if isinstance(parent, Artifact) else read_artifact(parent)
     folder, target = child.parent.resolve(), artifact.path.resolve()
     if target == child.resolve():

@@ -34,7 +34,7 @@ def test_a_folder_that_fails_leaves_nothing(tmp_path, error):
 
 
 def test_a_folder_never_replaces_anything(tmp_path):
-    with pytest.raises(PlatformError, match="in the way"), atomic_folder(tmp_path / "set"):
+    with pytest.raises(PlatformError, match="of that name exists"), atomic_folder(tmp_path / "set"):
         (tmp_path / "set").mkdir()
     assert os.listdir(tmp_path) == ["set"]
 

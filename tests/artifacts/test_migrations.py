@@ -79,7 +79,7 @@ def test_steps_are_applied_in_order(specimen, monkeypatch):
 
 def test_a_missing_step_says_so(specimen):
     del module.MIGRATIONS["specimen", 2]
-    with pytest.raises(ArtifactError, match=r"is of specimen schema 2, which is no longer read: make it again"):
+    with pytest.raises(ArtifactError, match=r"is of specimen schema 2, which is no longer supported: make it again"):
         read_artifact(OLD)
 
 

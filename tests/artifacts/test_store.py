@@ -118,7 +118,7 @@ def test_odd_but_legal_manifests(tmp_path):
 @pytest.mark.parametrize(
     ("kind", "change", "message"),
     [
-        ("nothing", {}, "no kind of artifact"),
+        ("nothing", {}, "is not a kind of artifact"),
         ("demos", {"frames": None}, "dataset frames is missing, expected uint8 (N, T, H, W, 3)"),
         ("demos", {"frames": np.zeros((4, 5, 8, 10, 3))}, "frames is float64, expected uint8"),
         ("demos", {"frames": np.zeros((4, 5, 8, 3), np.uint8)}, "has shape (4, 5, 8, 3)"),
@@ -170,7 +170,7 @@ def test_files_that_are_no_artifacts(tmp_path):
     fails("is not HDF5", read_artifact, __file__)
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file["a"] = [1, 2]
-    fails("is HDF5 but no ifo artifact", read_artifact, tmp_path / "other.h5")
+    fails("is HDF5 but not an ifo artifact", read_artifact, tmp_path / "other.h5")
 
 
 def test_a_newer_schema_asks_for_an_upgrade(demos, monkeypatch):
