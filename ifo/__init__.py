@@ -1,4 +1,4 @@
-"""The public Python API of ifo: what scripts, notebooks and users' own tasks may rely on.
+"""The public Python API of ifo, for scripts, notebooks and users' own tasks.
 
     import ifo
 
@@ -8,8 +8,8 @@
 Everything else, in the packages `stages` and `artifacts`, is internal and may change. Submodules: `ifo.scene` (parts
 of tasks), `ifo.envs` (Gymnasium) and `ifo.suite` (dm_control).
 
-Names are loaded on first use, so `import ifo` takes no time. What may import mujoco chooses its OpenGL backend first,
-since mujoco reads MUJOCO_GL when it is imported.
+Names are loaded on first use, so `import ifo` takes no time. Functions that may import mujoco choose its OpenGL backend
+first, because mujoco reads MUJOCO_GL when it is imported.
 """
 
 from __future__ import annotations

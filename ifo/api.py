@@ -1,4 +1,4 @@
-"""Functions of the public API, which `ifo` re-exports: import them from there."""
+"""Functions of the public API. Import them from `ifo`, which re-exports them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __version__ = ifo_version()
 
 
 def verify(path: str | Path) -> VerifyReport:
-    """Read an artifact whole, and check every dataset and that its parents are there and unchanged.
+    """Read an artifact completely, check every dataset, and check that its parents exist and are unchanged.
 
     Raises:
         ArtifactError: The first problem, in one line.
@@ -28,13 +28,13 @@ def verify(path: str | Path) -> VerifyReport:
 
 
 def make_task(name: str) -> Task:
-    """The task called `name`: a built-in one, `dm:DOMAIN-TASK`, one of a plug-in, or `MODULE:ATTR`.
+    """Return the task called `name`: a built-in task, `dm:DOMAIN-TASK`, a plug-in's task, or `MODULE:ATTR`.
 
-    Chooses the OpenGL backend where mujoco is not imported yet.
+    The function chooses the OpenGL backend if mujoco has not been imported yet.
 
     Raises:
         UsageError: There is no such task.
-        TaskError: It is a user's, and broken.
+        TaskError: The task is a user's own and is broken.
     """
     _choose_backend(required=False)
     from stages.simulation.registry import make_task
@@ -43,14 +43,14 @@ def make_task(name: str) -> Task:
 
 
 def check_task(task: Task, seed: int = 0) -> Report:
-    """Hold a task to everything that the stages rely on, as `ifo check-task` does.
+    """Check a task against every requirement of the stages, as `ifo check-task` does.
 
     Returns:
-        A report with `problems` (one line each; empty if there are none), the names of the `promises` that were
-        checked, and `frames` (20, H, W, 3), uint8, the first frames of 20 contexts.
+        A report with `problems` (one line each; empty if there are none), the names of the requirements that were
+        checked (`promises`), and `frames` (20, H, W, 3), uint8, the first frames of 20 contexts.
 
     Raises:
-        PlatformError: No OpenGL backend works here.
+        PlatformError: No OpenGL backend works on this machine.
     """
     _choose_backend()
     from stages.simulation.checking import check_task
@@ -59,18 +59,18 @@ def check_task(task: Task, seed: int = 0) -> Report:
 
 
 def load_policy(path: str | Path) -> Policy:
-    """The policy in a `policy` or `expert` artifact.
+    """Load the policy from a `policy` or `expert` artifact.
 
     Its method `act(observation, noise=None)` maps observations (n, D) of n simulations to actions (n, nu) in [-1, 1]:
-    the mean action, or with `noise`, a `torch.Generator`, a sample. A learner's policy takes `Task.observe(state)`, an
-    expert's `Task.observe_expert(state, contexts)`. In a dm_control environment of `ifo.suite`:
+    the mean action, or a sample if `noise` is a `torch.Generator`. A learner's policy observes `Task.observe(state)`,
+    an expert's policy `Task.observe_expert(state, contexts)`. In a dm_control environment of `ifo.suite`:
 
         env = ifo.suite.load("reach")
         observation = env.task.task.observe(env.physics.task_state())  # (1, D)
         time_step = env.step(policy.act(observation)[0])
 
     Raises:
-        ArtifactError: The file is missing, damaged, or of another kind.
+        ArtifactError: The file is missing, damaged, or of the wrong kind.
     """
     from artifacts import read_artifact
     from stages.learners.policy import Policy
@@ -87,7 +87,7 @@ def _choose_backend(required: bool = True) -> None:
 def __getattr__(name: str) -> Any:
     if name != "TranslationReward":
         raise AttributeError(f"module 'ifo.api' has no attribute {name!r}")
-    _choose_backend(required=False)  # It makes the translation's task, which imports mujoco.
+    _choose_backend(required=False)  # TranslationReward makes the translation's task, which imports mujoco.
     from stages.rewards.gym_wrapper import TranslationReward
 
     return TranslationReward

@@ -1,4 +1,4 @@
-"""The tasks as Gymnasium environments: importing this module registers `ifo/Reach-v0`, `ifo/Push-v0` and so on.
+"""The tasks as Gymnasium environments. Importing this module registers `ifo/Reach-v0`, `ifo/Push-v0` and so on.
 
     import gymnasium
     import ifo.envs
@@ -6,7 +6,7 @@
     gymnasium.register_envs(ifo.envs)
     env = gymnasium.make("ifo/Reach-v0", contexts="narrow", pixels=True)
 
-or in one line: `gymnasium.make("ifo.envs:ifo/Reach-v0")`. `ifo/Task-v0` makes any task by its name, `task_name`.
+or in one line: `gymnasium.make("ifo.envs:ifo/Reach-v0")`. `ifo/Task-v0` makes the task that `task_name` names.
 """
 
 from __future__ import annotations

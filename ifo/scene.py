@@ -1,13 +1,13 @@
-"""Parts that tasks are made of: tables, arms, objects and walls; what contexts draw; and how a model shows them.
+"""Building blocks of tasks: tables, arms, objects and walls, functions that draw contexts, and fields of the model.
 
-`tests/examples/glide.py` is a whole task made of these.
+`tests/examples/glide.py` is a complete task made of these.
 """
 
 from __future__ import annotations
 
 from stages.simulation.gl import choose_backend
 
-choose_backend(required=False)  # The imports below load mujoco, which reads MUJOCO_GL then.
+choose_backend(required=False)  # The imports below load mujoco, which reads MUJOCO_GL at that moment.
 
 from stages.simulation.contexts import (  # noqa: E402
     camera_pose,

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from stages.simulation.gl import choose_backend
 
-choose_backend(required=False)  # The import below loads mujoco, which reads MUJOCO_GL then.
+choose_backend(required=False)  # The import below loads mujoco, which reads MUJOCO_GL at that moment.
 
 from stages.simulation.suite import Environment, Physics, SuiteTask, frame, load  # noqa: E402
 
