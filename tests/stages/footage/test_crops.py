@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from artifacts import ArtifactError, UsageError
-from stages.footage.crops import Crop, centred_crop, check_crop, parse_crop, read_crops, reduced
+from stages.config.demonstrations import Crop, parse_crop
+from stages.footage.crops import centred_crop, check_crop, read_crops, reduced
 from stages.footage.sources import Source
 
 
