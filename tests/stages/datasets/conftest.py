@@ -19,7 +19,8 @@ def ifo(tmp_path, capfd):
 
     def run(*words, out=tmp_path / "out" / "x.demos.h5", frames=T):
         capfd.readouterr()
-        code = main(["import-demos", *map(str, words), "--out", str(out), "--frames", str(frames), "--json"])
+        options = ["--out", str(out), "--frames", str(frames), "--json", "--overwrite"]
+        code = main(["import-demos", *map(str, words), *options])
         printed, said = capfd.readouterr()
         return code, json.loads(printed) if printed else None, said
 
