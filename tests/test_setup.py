@@ -14,7 +14,7 @@ import pytest
 from stages.simulation import gl
 
 ROOT = Path(__file__).parent.parent
-REASON = "no OpenGL backend works here (EGL: PyOpenGL finds no libOpenGL.so.0); on Debian run `apt-get install`"
+REASON = "no OpenGL backend works here (EGL: PyOpenGL cannot find libOpenGL.so.0); on Debian run `apt-get install`"
 
 # Stands in for .venv/bin/python; `renders` is how often the probe fails before it succeeds.
 PYTHON = """#!/usr/bin/env bash

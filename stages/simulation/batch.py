@@ -1,4 +1,4 @@
-"""Many simulations of one task at once, on a thread pool (mujoco.batch)."""
+"""Runs many simulations of one task on a thread pool (mujoco.batch)."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 from stages.simulation.contexts import Contexts
 from stages.simulation.task import State, Task
 
-HELD = 5  # control steps that an action of `held` is taken for
+HELD = 5  # control steps for which `held` repeats an action
 
 
 class BatchSimulation:
-    """`nsim` simulations of a task that step together: all episodes start and end at the same control step.
+    """`nsim` simulations of a task in lockstep: all episodes start and end at the same control step.
 
-    Results do not depend on `nthread`: each simulation is stepped whole by one thread.
+    Results do not depend on `nthread`, because each simulation is stepped by a single thread.
     """
 
     def __init__(self, task: Task, nsim: int, nthread: int = 0):
@@ -32,7 +32,7 @@ class BatchSimulation:
         self._sites = self._batch.bind("site_xpos")
 
     def reset(self, qpos: np.ndarray, qvel: np.ndarray) -> State:
-        """Start all episodes at qpos (nsim, nq), qvel (nsim, nv)."""
+        """Start all episodes at qpos (nsim, nq) and qvel (nsim, nv)."""
         import mujoco
 
         self._batch.reset(stage=mujoco.mjtStage.mjSTAGE_NONE)
@@ -41,7 +41,7 @@ class BatchSimulation:
         return self.state()
 
     def step(self, action: np.ndarray) -> State:
-        """Hold `action` (nsim, nu), clipped to [-1, 1], for one control step."""
+        """Apply `action` (nsim, nu), clipped to [-1, 1], for one control step."""
         self._ctrl[:] = np.clip(action, -1.0, 1.0)
         self._batch.step(nstep=self.task.substeps, stage=self._stage)
         return self.state()
@@ -63,9 +63,9 @@ class Rollout:
 
     Attributes:
         qpos: Joint positions (n, control_steps + 1, nq).
-        distance: Distance to the goal at every control step (n, control_steps + 1), as `Task.distance` has it.
-        initial_distance: That of the start (n,).
-        final_distance: That of the end (n,).
+        distance: `Task.distance` to the goal at every control step (n, control_steps + 1).
+        initial_distance: Distance at the start (n,).
+        final_distance: Distance at the end (n,).
     """
 
     qpos: np.ndarray
@@ -75,11 +75,11 @@ class Rollout:
 
     @property
     def normalised_distance(self) -> np.ndarray:
-        """Final over initial distance (n,), the paper's metric."""
+        """Final divided by initial distance (n,), the paper's metric."""
         return self.final_distance / self.initial_distance
 
     def frame_qpos(self, task: Task) -> np.ndarray:
-        """Joint positions (n, T, nq) at the control steps that a video shows: every `frame_every`-th, from 0 on."""
+        """Joint positions (n, T, nq) at the control steps that a video shows: every `frame_every`-th, starting at 0."""
         return self.qpos[:, : task.control_steps : task.frame_every]
 
 
@@ -91,13 +91,13 @@ def rollout(
     act: Callable[[State, Contexts], np.ndarray],
     nthread: int = 0,
 ) -> Rollout:
-    """Roll a policy out for one episode in each of n contexts.
+    """Roll out a policy for one episode in each of n contexts.
 
     Args:
         act: Maps (state, contexts) to actions (n, nu).
 
     Returns:
-        The rollout, its states at every control step.
+        The rollout, with the state at every control step.
     """
     simulation = BatchSimulation(task, len(qpos), nthread)
     state = simulation.reset(qpos, qvel)
@@ -111,9 +111,9 @@ def rollout(
 
 
 def held(values: np.ndarray, task: Task) -> Callable[[State, Contexts], np.ndarray]:
-    """Actions (K, n, nu) that n simulations take one after the other, each held for 5 control steps.
+    """A policy that plays back the actions `values` (K, n, nu), holding each for 5 control steps.
 
-    Redrawn at every step, noise would average out before it moved the robot.
+    Noise that is redrawn at every step would average out before it moves the robot.
     """
 
     def act(state: State, contexts: Contexts) -> np.ndarray:
@@ -124,5 +124,5 @@ def held(values: np.ndarray, task: Task) -> Callable[[State, Contexts], np.ndarr
 
 
 def drawn_actions(rng: np.random.Generator, task: Task, n: int) -> np.ndarray:
-    """Uniform random actions (K, n, nu) for n episodes of `held`."""
+    """Draw uniform random actions (K, n, nu) for n episodes with `held`."""
     return rng.uniform(-1.0, 1.0, (-(-task.control_steps // HELD), n, task.action_size))

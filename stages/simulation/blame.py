@@ -1,4 +1,4 @@
-"""Errors of a user's own task, told in one line that names the place in the user's file."""
+"""One-line errors about a user's own task, with the location in the user's file."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ STANDARD_LIBRARY = Path(inspect.__file__).resolve().parent
 
 
 class TaskError(UsageError):
-    """A user's task does not do what `stages.simulation.task.Task` promises.
+    """A user's task violates the interface `stages.simulation.task.Task`.
 
     Attributes:
-        problem: What is wrong and where, without the task's name.
+        problem: The fault and its location, without the task's name.
     """
 
     def __init__(self, name: str, problem: str):
@@ -34,17 +34,17 @@ class TaskError(UsageError):
 
 
 def broken(task: Task, member: str, problem: str) -> TaskError:
-    """The error that a method or attribute of `task` breaks its promise, with the place of its definition."""
-    place = definition(task.__class__, member)  # A guard has the class of what it guards, but another type.
+    """The error for a method or attribute of `task` that violates the interface, with the place of its definition."""
+    place = definition(task.__class__, member)  # A guard reports the class of the guarded task, but has another type.
     return TaskError(task.name, f"{member}{f' ({place})' if place else ''} {problem}")
 
 
 def failure(error: BaseException, modules: Iterable[str], otherwise: str = "") -> str:
-    """`at glide.py:57 (KeyError: 'gaol')`: an exception of the code in `modules` in one line.
+    """Format an exception of the code in `modules` in one line: `at glide.py:57 (KeyError: 'gaol')`.
 
     Args:
         modules: Names of the user's modules.
-        otherwise: The place where the traceback shows none of the user's lines.
+        otherwise: The location to report if the traceback contains none of the user's lines.
     """
     if isinstance(error, SyntaxError) and error.filename:
         place = _shown(error.filename, error.lineno or 0)
@@ -55,9 +55,9 @@ def failure(error: BaseException, modules: Iterable[str], otherwise: str = "") -
 
 
 def definition(kind: type, *names: str) -> str:
-    """`glide.py:55`: where a user's class defines the first of `names` that it defines, else the class itself.
+    """Location, like `glide.py:55`, of the first of `names` that a user's class defines, else of the class itself.
 
-    Empty where all of it is ifo's.
+    Empty if the class consists only of ifo's own code.
     """
     theirs = [cls for cls in kind.__mro__ if not _is_ours(cls)]
     for name in names:
@@ -67,23 +67,23 @@ def definition(kind: type, *names: str) -> str:
     for cls in theirs:
         try:
             return _shown(inspect.getsourcefile(cls) or "", inspect.findsource(cls)[1] + 1)
-        except (OSError, TypeError):  # Made without a file, as in an interactive session.
+        except (OSError, TypeError):  # Defined without a file, as in an interactive session.
             continue
     return ""
 
 
 def modules_of(kind: type) -> set[str]:
-    """Names of the modules that define a user's class."""
+    """Names of the modules that define a user's class and its bases."""
     return {cls.__module__ for cls in kind.__mro__ if not _is_ours(cls)}
 
 
 def _message(error: BaseException) -> object:
-    """The message of an exception; of a SyntaxError without the place, which is told once."""
+    """The message of an exception. For a SyntaxError the location is omitted, because it is reported separately."""
     return error.msg if isinstance(error, SyntaxError) else error
 
 
 def _line_of(traceback: TracebackType | None, modules: Iterable[str]) -> str:
-    """The innermost line of the user's own code; empty if there is none."""
+    """Location of the innermost line of the user's own code; empty if there is none."""
     homes = [home for name in modules if (home := _home(name))]
     place = ""
     while traceback is not None:
@@ -95,7 +95,7 @@ def _line_of(traceback: TracebackType | None, modules: Iterable[str]) -> str:
 
 
 def _home(module: str) -> Path | None:
-    """The folder of a module's top-level package, or the file of a module that is in none."""
+    """The folder of a module's top-level package, or the file of a top-level module."""
     top = module.partition(".")[0]
     try:
         spec = getattr(sys.modules.get(top), "__spec__", None) or util.find_spec(top)
@@ -123,14 +123,14 @@ def _is_ours(cls: type) -> bool:
 
 
 def _code_place(member: object) -> str:
-    """Where a method or a property of a class stands; empty if it is neither."""
-    for attribute in ("fget", "func", "__func__"):  # of a property, a cached property, a static or class method
+    """Location of a method or property of a class; empty if it is neither."""
+    for attribute in ("fget", "func", "__func__"):  # property, cached property, static or class method
         member = getattr(member, attribute, member)
     code = getattr(inspect.unwrap(member) if callable(member) else member, "__code__", None)
     return _shown(code.co_filename, code.co_firstlineno) if code else ""
 
 
 def _shown(filename: str, line: int) -> str:
-    """`FILE:LINE`, relative to the working folder where the file lies below it."""
+    """`FILE:LINE`, relative to the working folder if the file is inside it."""
     path, here = Path(filename).resolve(), Path.cwd()
     return f"{path.relative_to(here) if path.is_relative_to(here) else path}:{line}"

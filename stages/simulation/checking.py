@@ -1,7 +1,7 @@
-"""Holds a task to every promise of `stages.simulation.task.Task`, as Stable-Baselines3's check_env does an environment.
+"""Checks that a task implements `stages.simulation.task.Task` correctly, like Stable-Baselines3's check_env.
 
-`ifo check-task` runs this on a user's task, the tests on the built-in ones. Wrong shapes and exceptions are the guard's
-to find (`stages.simulation.guard`); here the task is exercised, and results are compared.
+`ifo check-task` checks a user's task, and the tests check the built-in ones. The guard (`stages.simulation.guard`)
+detects wrong shapes and exceptions; this module runs the task and compares results.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from stages.simulation.task import State, Task
 
 Promise = Callable[[Probe], Iterator[TaskError]]
 
-FOUNDATIONS = ("attributes", "model")  # without these nothing else can be checked
-LOOKS = 5  # contexts that are compared for each factor
+FOUNDATIONS = ("attributes", "model")  # if these fail, nothing else can be checked
+LOOKS = 5  # contexts compared per factor
 CAMERA_FACTORS = ("azimuth", "elevation", "distance")
-ROUNDING = 1e-4  # relative difference, in what a task computes, that more simulations beside one may make
+ROUNDING = 1e-4  # tolerated relative difference in results between a small and a large batch
 
 
 @dataclass(frozen=True)
 class Report:
-    """What a check found.
+    """Result of a check.
 
     Attributes:
-        problems: What is wrong and where, one line each; empty: every promise is kept.
-        promises: Names of the promises that were checked.
-        frames: First frames (20, H, W, 3) of contexts, uint8; None where the task could not be drawn.
+        problems: The faults with their locations, one line each; empty if there are none.
+        promises: Names of the checks that were run.
+        frames: First frames (20, H, W, 3) of contexts, uint8; None if the task could not be rendered.
     """
 
     problems: tuple[str, ...]
@@ -43,10 +43,10 @@ class Report:
 
 
 def check_task(task: Task, seed: int = 0) -> Report:
-    """Hold a task to its promises. Draws frames: choose a GL backend first.
+    """Run all checks on a task. It renders frames: choose a GL backend first.
 
     Raises:
-        PlatformError: Nothing here can draw.
+        PlatformError: Rendering does not work on this machine.
     """
     probe = Probe(guarded(task), seed)
     problems: list[str] = []
@@ -60,7 +60,7 @@ def check_task(task: Task, seed: int = 0) -> Report:
         frames = vars(probe).get("frames")
     finally:
         probe.close()
-    return Report(tuple(dict.fromkeys(problems)), tuple(checked), frames)  # One fault breaks many promises.
+    return Report(tuple(dict.fromkeys(problems)), tuple(checked), frames)  # One fault can fail several checks.
 
 
 def _problems(promise: Promise, probe: Probe) -> list[str]:
@@ -74,38 +74,38 @@ def _problems(promise: Promise, probe: Probe) -> list[str]:
 
 
 def attributes(probe: Probe) -> Iterator[TaskError]:
-    """Numbers of steps, sizes, thresholds and factors make sense."""
+    """Step counts, sizes, thresholds and factors are valid."""
     yield from attribute_faults(probe.task)
 
 
 def model(probe: Probe) -> Iterator[TaskError]:
-    """The model compiles, has the camera and actuators, and takes actions in [-1, 1]."""
+    """The model compiles, has the camera and actuators, and accepts actions in [-1, 1]."""
     compiled = probe.task.model
     for k in range(compiled.nu):
         low, high = compiled.actuator_ctrlrange[k]
         if compiled.actuator_ctrllimited[k] and (low, high) != (-1, 1):
             named = compiled.actuator(k).name or k
             yield probe.broken(
-                "build", f"limits actuator {named} to [{low:g}, {high:g}], expected [-1, 1], as actions are; use gear"
+                "build", f"limits actuator {named} to [{low:g}, {high:g}], expected [-1, 1]: scale it with gear"
             )
     probe.task.posture  # noqa: B018 - the guard checks it
 
 
 def contexts_follow_from_the_seed(probe: Probe) -> Iterator[TaskError]:
-    """One seed draws the same contexts again, another seed others."""
+    """The same seed draws the same contexts, and a different seed draws different ones."""
     for name in DISTRIBUTIONS:
         one, other, again = probe.draw(LOOKS, name), probe.draw(LOOKS, name, seed=1), probe.draw(LOOKS, name)
         if unlike := _differing(one, again):
             yield probe.broken(
-                "draw_contexts", f"drew {unlike[0]!r} differently twice under one seed: draw only from `rng`"
+                "draw_contexts", f"drew different values of {unlike[0]!r} under the same seed: draw only from `rng`"
             )
         if name == "paper" and probe.task.default_factors and not _differing(one, other):
-            yield probe.broken("draw_contexts", "drew the same contexts under two seeds: draw from `rng`")
+            yield probe.broken("draw_contexts", "drew the same contexts under different seeds: draw from `rng`")
     probe.draw(1)
 
 
 def factors_vary(probe: Probe) -> Iterator[TaskError]:
-    """Each factor changes what is seen or how episodes start, if and only if it is to vary."""
+    """A factor changes the images or the initial states if and only if it is selected."""
     task = probe.task
     for factor in (factor for factor in FACTORS if factor not in task.factors):
         try:
@@ -115,34 +115,34 @@ def factors_vary(probe: Probe) -> Iterator[TaskError]:
         except UsageError:
             continue
         yield probe.broken(
-            "draw_contexts", f"takes --vary {factor}, which is not in `factors`: begin with self.varied(distribution)"
+            "draw_contexts", f"accepts --vary {factor}, which is not in `factors`: call self.varied(distribution) first"
         )
     for name, factor in (("fixed", ""), *(("paper", factor) for factor in task.factors)):
         contexts = probe.draw(LOOKS, name, vary=factor)
         moved = any(_vary(part) for part in task.context_state(contexts))
         seen = _vary(probe.looks(contexts))
         if not factor and (moved or seen):
-            yield probe.broken("draw_contexts", "varies what --contexts fixed keeps: look at self.varied(distribution)")
+            yield probe.broken("draw_contexts", "varies what --contexts fixed keeps: use self.varied(distribution)")
         if factor and not (moved or seen):
-            yield probe.broken("draw_contexts", f"draws contexts that all look the same under --vary {factor}")
+            yield probe.broken("draw_contexts", f"draws contexts that look identical under --vary {factor}")
         if factor in CAMERA_FACTORS and moved:
-            yield probe.broken("context_state", f"changes under --vary {factor}, which moves the camera only")
+            yield probe.broken("context_state", f"changes under --vary {factor}, which must move only the camera")
 
 
 def states_are_drawn(probe: Probe) -> Iterator[TaskError]:
-    """Initial states follow from the seed, and vary within one context."""
+    """Initial states are determined by the seed, and vary within a context."""
     task, contexts = probe.task, probe.contexts
     if _unequal(task.context_state(contexts), task.context_state(contexts)):
-        yield probe.broken("context_state", "returned another state the second time")
+        yield probe.broken("context_state", "returned a different state the second time")
     again = task.draw_states(probe.rng("start"), contexts)
     if _unequal(probe.start, again):
-        yield probe.broken("draw_states", "drew another state under the same seed: draw only from `rng`")
+        yield probe.broken("draw_states", "drew a different state under the same seed: draw only from `rng`")
     if not _unequal(probe.start, task.draw_states(probe.rng("other"), contexts)):
-        yield probe.broken("draw_states", "drew the same states under two seeds: add noise to the initial state")
+        yield probe.broken("draw_states", "drew the same states under different seeds: add noise to the initial state")
 
 
 def nothing_is_overwritten(probe: Probe) -> Iterator[TaskError]:
-    """Results do not share memory with earlier ones, and arguments are left as they were."""
+    """Results do not share memory with earlier results, and arguments are not modified."""
     task, contexts = probe.task, probe.contexts
     simulation = BatchSimulation(task, SIMULATIONS)
     first = simulation.reset(*probe.start)
@@ -160,28 +160,28 @@ def nothing_is_overwritten(probe: Probe) -> Iterator[TaskError]:
         if np.shares_memory(one, other):
             yield probe.broken(name, "returned the same memory twice: return a new array each time")
         if changed := _differing(before, given):
-            yield probe.broken(name, f"changed its argument's {changed[0]}: work on a copy")
+            yield probe.broken(name, f"modified {changed[0]} of its argument: work on a copy")
 
 
 def episodes_are_reproducible(probe: Probe) -> Iterator[TaskError]:
-    """An episode is the same a second time, stable, and independent of the simulations beside it."""
+    """An episode is reproducible, stable, and independent of the other simulations in the batch."""
     one, again = probe.episode, probe.play()
     expected = np.arange(one.time.shape[1]) * probe.task.control_timestep
     if not np.isfinite(one.qpos).all() or not np.allclose(one.time, expected):
-        yield probe.broken("build", "makes physics that diverge under random actions: reduce timestep or forces")
+        yield probe.broken("build", "gives physics that diverge under random actions: reduce timestep or forces")
         return
     for name in _said_differently(one, again, exact=True):
-        yield probe.broken(name, "differs when the same episode is run again: it must depend on its arguments only")
+        yield probe.broken(name, "differs when the same episode is repeated: it must depend only on its arguments")
     for k in (0, SIMULATIONS - 1):
         alone, here = probe.play(slice(k, k + 1)), slice(k, k + 1)
         for name in _said_differently(alone, one, here):
             yield probe.broken(
-                name, f"of simulation {k} is different without the others beside it: mix no rows, reduce over axis=1"
+                name, f"of simulation {k} depends on others in the batch: do not mix rows; reduce over axis=1"
             )
 
 
 def distances_start_above_zero(probe: Probe) -> Iterator[TaskError]:
-    """Distances start above zero, in each of 20 contexts, and doing nothing is no success."""
+    """Distances start above zero in each of 20 contexts, and doing nothing is not a success."""
     task, contexts = probe.task, probe.draw(SHOWN)
     for method in (lambda: task.context_state(contexts), lambda: task.draw_states(probe.rng("distance"), contexts)):
         task.outcome(task.distance(BatchSimulation(task, SHOWN).reset(*method()), contexts)[:, None])
@@ -194,23 +194,23 @@ def distances_start_above_zero(probe: Probe) -> Iterator[TaskError]:
 
 
 def frames_show_the_task(probe: Probe) -> Iterator[TaskError]:
-    """Frames show something, contexts look different, and motion is seen."""
+    """Frames are not blank, contexts look different, and motion is visible."""
     task, frames = probe.task, probe.frames
     if blank := [k for k, frame in enumerate(frames) if not _vary(frame.reshape(-1, 3))]:
-        yield probe.broken("model_fields", f"shows one flat colour in context {blank[0]}: does its camera look at it?")
+        yield probe.broken("model_fields", f"renders one flat color in context {blank[0]}: does its camera see it?")
         return
     if task.default_factors and not _vary(frames):
-        yield probe.broken("model_fields", "shows the same frame in all contexts")
+        yield probe.broken("model_fields", "renders the same frame in all contexts")
     ends, fields = probe.episode.qpos[:, [0, -1]], task.model_fields(probe.contexts)
     start, end = (
         probe.pool.render(fields, ends[:, k : k + 1]) for k in (0, 1)
-    )  # the same tiles: equal if nothing moved
+    )  # the same tiles, so the frames are equal if nothing moved
     if np.array_equal(start, end):
-        yield probe.broken("model_fields", "shows no motion: the frame after random actions is that of the start")
+        yield probe.broken("model_fields", "renders no motion: the frame after random actions equals the first frame")
 
 
 def goal_error_is_a_vector(probe: Probe) -> Iterator[TaskError]:
-    """Where there is an error vector for guided policy search, its learner sees the time, too."""
+    """If there is an error vector for guided policy search, the observation contains the time."""
     if not probe.has_goal_error:
         return
     episode = probe.episode
@@ -221,24 +221,24 @@ def goal_error_is_a_vector(probe: Probe) -> Iterator[TaskError]:
 
 
 def demonstrator_demonstrates(probe: Probe) -> Iterator[TaskError]:
-    """A task's own demonstrator has the same videos as the robot, and its plan does the task."""
+    """A scripted demonstrator makes videos of the same format as the robot, and its plan solves the task."""
     task, person = probe.task, probe.task.demonstrator
     if person is None:
         return
     for name in ("frame_size", "control_steps", "frame_every", "control_timestep"):
         if getattr(person, name) != getattr(task, name):
-            yield probe.broken("demonstrator", f"has another {name}, expected the robot's {getattr(task, name)}")
+            yield probe.broken("demonstrator", f"has a different {name} than the robot, expected {getattr(task, name)}")
             return
     plan = person.plan(probe.contexts)
     if not np.array_equal(plan, person.plan(probe.contexts)):
-        yield probe.broken("plan", "differs the second time: without `rng` it must depend on the contexts only")
+        yield probe.broken("plan", "differs the second time: without `rng` it must depend only on the contexts")
     if np.abs(plan).max() > 1:
-        yield probe.broken("plan", f"holds actions up to {np.abs(plan).max():.3g}, expected [-1, 1]")
+        yield probe.broken("plan", f"contains actions up to {np.abs(plan).max():.3g}, expected [-1, 1]")
     given = iter(plan)
     left = probe.roll(person, lambda state, where: next(given)).normalised_distance
     if (good := float((left < task.expert_threshold).mean())) < 0.25:
         yield probe.broken(
-            "plan", f"succeeds in {good:.0%} of contexts, expected a quarter to end below expert_threshold or more"
+            "plan", f"succeeds in {good:.0%} of contexts, expected at least 25% to end below expert_threshold"
         )
     person.plan(probe.contexts, probe.rng("plan"))
     task.kinesthetic(take(probe.contexts, slice(0, 1)))
@@ -260,12 +260,12 @@ PROMISES: dict[str, Promise] = {
 
 
 def _vary(values: np.ndarray) -> bool:
-    """Whether not all along the first axis are the same."""
+    """Whether the entries along the first axis differ."""
     return bool((values != values[:1]).any())
 
 
 def _differing(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> list[str]:
-    """Names whose arrays are not the same in both."""
+    """Names whose arrays differ."""
     return [name for name in {**one, **other} if not np.array_equal(one.get(name, ()), other.get(name, ()))]
 
 
@@ -274,7 +274,7 @@ def _unequal(one: tuple[np.ndarray, ...], other: tuple[np.ndarray, ...]) -> bool
 
 
 def _said_differently(one: Episode, other: Episode, of: slice = slice(None), exact: bool = False) -> Iterator[str]:
-    """Names of what a task said differently in an episode and in simulations `of` another."""
+    """Yield the names of task results that differ between an episode and the simulations `of` another episode."""
     for name in ("observe", "observe_expert", "expert_reward", "distance", "goal_error"):
         a, b = getattr(one, name), getattr(other, name)[of]
         if not (np.array_equal(a, b) if exact else np.allclose(a, b, ROUNDING, 1e-6)):

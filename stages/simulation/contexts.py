@@ -1,7 +1,7 @@
-"""Context distributions: what varies between demonstrations, written as data.
+"""Context distributions: the variation between demonstrations, defined as data.
 
-A context omega (Sec. III) is everything that the agent does not control: viewpoint, colours, distractors, where the
-goal lies and how the arm starts. A batch of `n` contexts is a dict of arrays with leading axis `n`.
+A context omega (Sec. III) is everything that the agent does not control: viewpoint, colors, distractors, the position
+of the goal and the initial pose of the arm. A batch of `n` contexts is a dict of arrays with leading axis `n`.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ from stages.config.names import FACTORS as FACTORS
 
 Contexts = dict[str, np.ndarray]
 
-RED = np.array([1.0, 0.0, 0.0])  # the goal's colour
+RED = np.array([1.0, 0.0, 0.0])  # color of the goal
 N_DISTRACTORS = 5
-DISTRACTOR_RADIUS = 0.11  # metres
-DISTRACTOR_PROBABILITY = 0.5  # of each being there
-DISTRACTOR_REACH = 1.1  # metres from the arm's base: the arm's workspace
+DISTRACTOR_RADIUS = 0.11  # meters
+DISTRACTOR_PROBABILITY = 0.5  # probability that a distractor is present
+DISTRACTOR_REACH = 1.1  # meters from the arm's base, the radius of its workspace
 
 
 @dataclass(frozen=True)
 class ContextDistribution:
-    """Ranges that contexts are drawn from.
+    """Ranges from which contexts are drawn.
 
     Attributes:
         azimuth: Range of the camera's azimuth, degrees.
-        elevation: Range of the camera's elevation where it varies, degrees (negative looks down).
-        distance: Range of the camera's distance to the origin where it varies, as a multiple of the task's own.
-        vary: Factors that are drawn, the others keep the task's canonical value; None: what the task varies by default.
+        elevation: Range of the camera's elevation if it varies, degrees (negative looks down).
+        distance: Range of the camera's distance to the origin if it varies, as a multiple of the task's distance.
+        vary: Factors to draw; the others keep the task's canonical value. None for the task's default factors.
     """
 
     azimuth: tuple[float, float] = (0.0, 360.0)
@@ -46,12 +46,12 @@ DISTRIBUTIONS: dict[str, ContextDistribution] = {
 
 
 def take(contexts: Contexts, index) -> Contexts:
-    """Contexts at `index` (an integer list, slice or boolean mask), leading axis kept."""
+    """Select contexts by `index` (an integer list, slice or boolean mask), keeping the leading axis."""
     return {name: values[index] for name, values in contexts.items()}
 
 
 def repeat(contexts: Contexts, n: int) -> Contexts:
-    """One context (leading axis 1) repeated `n` times."""
+    """Repeat one context (leading axis 1) `n` times."""
     return {name: np.repeat(values, n, axis=0) for name, values in contexts.items()}
 
 
@@ -63,15 +63,15 @@ def draw_camera(
     elevation: float = -45.0,
     distance: float = 4.0,
 ) -> Contexts:
-    """Draw `n` cameras: azimuth and elevation in degrees, distance in metres.
+    """Draw `n` cameras: azimuth and elevation in degrees, distance in meters.
 
     Args:
-        vary: Factors that are drawn.
-        elevation: Elevation where it does not vary, degrees.
-        distance: The task's own distance, metres.
+        vary: Factors to draw.
+        elevation: Elevation if it does not vary, degrees.
+        distance: The task's camera distance, meters.
     """
 
-    # All three are drawn, whether they vary or not: what one shows does not hang on whether another varies.
+    # Draw all three whether they vary or not, so that one value does not depend on whether another varies.
     azimuth = rng.uniform(*distribution.azimuth, n)
     elevations = rng.uniform(*distribution.elevation, n)
     distances = distance * rng.uniform(*distribution.distance, n)
@@ -83,7 +83,7 @@ def draw_camera(
 
 
 def draw_colours(rng: np.random.Generator, n: int, *far_from: np.ndarray, gap: float = 0.5) -> np.ndarray:
-    """Draw `n` RGB colours at least `gap` (Euclidean, in [0, 1]^3) from each of `far_from`, arrays (3,) or (n, 3)."""
+    """Draw `n` RGB colors at least `gap` (Euclidean, in [0, 1]^3) away from each of `far_from`, (3,) or (n, 3)."""
     colours = rng.uniform(0.0, 1.0, (n, 3))
     others = [np.broadcast_to(other, (n, 3)) for other in far_from]
     while True:
@@ -103,12 +103,13 @@ def draw_table_and_arm(
     varies: bool,
     gap: float = 0.4,
 ) -> Contexts:
-    """Colours of table and arm: `table_rgb` and `arm_rgb`, (n, 3).
+    """Draw colors of table and arm: `table_rgb` and `arm_rgb`, (n, 3).
 
     Args:
-        canonical: Both colours (3,) where they do not vary.
-        others: Colours (3,) of the scene that both keep away from; the arm, by `gap`, from the table, too.
-        varies: Whether they are drawn.
+        canonical: Both colors (3,) if they do not vary.
+        others: Colors (3,) in the scene that both must differ from.
+        varies: Whether the colors vary.
+        gap: Minimum distance of the arm's color from `others` and from the table's color.
     """
     if not varies:
         return {"table_rgb": np.tile(canonical[0], (n, 1)), "arm_rgb": np.tile(canonical[1], (n, 1))}
@@ -124,16 +125,17 @@ def draw_distractors(
     *others: np.ndarray,
     visible: bool,
 ) -> Contexts:
-    """Draw discs inside the workspace of an arm that stands at the origin.
+    """Draw distractor discs inside the workspace of an arm with its base at the origin.
 
     Args:
-        clear_of: Points (n, m, 2) that a disc's centre keeps `clearance` metres from.
-        table_rgb: Colours (n, 3) of the tables, that the discs' own differ from.
-        others: Further colours (3,) that they differ from.
-        visible: Whether there are any.
+        clear_of: Points (n, m, 2) from which a disc's center stays `clearance` meters away.
+        clearance: Minimum distance from these points, meters.
+        table_rgb: Colors (n, 3) of the tables, from which the discs' colors differ.
+        others: Further colors (3,) from which the discs' colors differ.
+        visible: Whether distractors may be visible.
 
     Returns:
-        `distractor_position` (n, 5, 2) in metres, `distractor_rgb` (n, 5, 3) and `distractor_visible` (n, 5).
+        `distractor_position` (n, 5, 2) in meters, `distractor_rgb` (n, 5, 3) and `distractor_visible` (n, 5).
     """
     n = len(clear_of)
     centres = np.repeat(clear_of, N_DISTRACTORS, axis=0)
@@ -157,7 +159,7 @@ def draw_distractors(
 
 
 def camera_pose(contexts: Contexts) -> tuple[np.ndarray, np.ndarray]:
-    """Position (n, 3) and quaternion (n, 4) of cameras that look at the origin, as MuJoCo's free camera does."""
+    """Position (n, 3) and quaternion (n, 4) of cameras that look at the origin, like MuJoCo's free camera."""
     azimuth, elevation = np.radians(contexts["azimuth"]), np.radians(contexts["elevation"])
     forward = np.stack(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1

@@ -1,6 +1,6 @@
-"""Chooses the OpenGL backend before mujoco is imported, because mujoco reads MUJOCO_GL only then.
+"""Chooses the OpenGL backend before mujoco is imported, because mujoco reads MUJOCO_GL only on import.
 
-A backend works if a child process has rendered a picture with it. That takes about a second, so the answer is kept
+A backend works if a child process can render an image with it. The probe takes about a second, so its result is cached
 in the user's cache folder until the machine restarts or mujoco changes.
 """
 
@@ -21,10 +21,10 @@ from artifacts.errors import PlatformError, UsageError
 
 BACKENDS = ("egl", "osmesa", "glfw")
 PROBE_SECONDS = 30
-# The Debian packages that EGL needs: its loader, OpenGL's, and Mesa's drivers. `.ci/setup.sh` installs them.
+# The Debian packages that EGL needs: the EGL and OpenGL loaders and Mesa's drivers. `.ci/setup.sh` installs them.
 PACKAGES = ("libegl1", "libopengl0", "libgl1-mesa-dri")
 INSTALL = f"apt-get install -y {' '.join(PACKAGES)}"
-# The libraries that PyOpenGL loads for a backend: one of each group must be there.
+# The libraries that PyOpenGL loads for a backend: one of each group must be installed.
 _LIBRARIES: dict[str, tuple[tuple[str, ...], ...]] = {
     "egl": (("libEGL.so.1",), ("libOpenGL.so.0", "libGL.so.1")),
     "osmesa": (("libOSMesa.so.8", "libOSMesa.so.6"),),
@@ -64,17 +64,18 @@ _set_here = False
 def choose_backend(required: bool = True) -> str:
     """Choose the GL backend and set MUJOCO_GL for this process and its children.
 
-    MUJOCO_GL decides if it is set; else the first of EGL, OSMesa and GLFW that works. LP_NUM_THREADS becomes 1
-    unless it is set. Call it before anything imports mujoco or dm_control; later calls are free.
+    MUJOCO_GL takes precedence if it is set. Otherwise the first working backend of EGL, OSMesa and GLFW is used.
+    LP_NUM_THREADS is set to 1 unless it is already set. Call this function before anything imports mujoco or
+    dm_control; later calls are cheap.
 
     Args:
-        required: Whether the caller is going to render. If not, a machine without GL is no error.
+        required: Whether the caller is going to render. If false, a machine without GL is not an error.
 
     Returns:
         `egl`, `osmesa` or `glfw`; empty if nothing works and `required` is false.
 
     Raises:
-        UsageError: MUJOCO_GL names no backend.
+        UsageError: MUJOCO_GL does not name a backend.
         PlatformError: No backend works, or mujoco was imported with another one.
     """
     try:
@@ -89,7 +90,7 @@ def choose_backend(required: bool = True) -> str:
 
 
 def forget_backend() -> None:
-    """Forget which backend worked, here and in the cache folder, so that the next choice probes again."""
+    """Clear the cached backend, in memory and on disk, so that the next choice probes again."""
     global _set_here
     _proven.clear()
     if _set_here:
@@ -117,14 +118,14 @@ def _working_backend() -> str:
     if requested:
         cure = f" or {_CURES[requested]}" if requested in _CURES else ""
         raise PlatformError(f"MUJOCO_GL={requested} does not work here ({reasons[requested]}); unset it{cure}")
-    # EGL is the backend to install. Why the others fail too would only hide its reason.
+    # EGL is the backend to install. The reasons why the others fail would only distract from its own.
     raise PlatformError(f"no OpenGL backend works here (EGL: {reasons['egl']}); on Debian {_CURES['egl']}")
 
 
 def probe(backend: str) -> str | None:
-    """Render a small picture with `backend` in a child process; returns the reason if that fails, else None."""
+    """Render a small image with `backend` in a child process; return the reason if that fails, else None."""
     environment = os.environ | {"MUJOCO_GL": backend, "LP_NUM_THREADS": "1"}
-    environment.pop("PYOPENGL_PLATFORM", None)  # mujoco refuses a backend that does not match it.
+    environment.pop("PYOPENGL_PLATFORM", None)  # mujoco rejects a backend that does not match it.
     try:
         child = subprocess.run(
             [sys.executable, "-c", _PROBE],
@@ -135,7 +136,7 @@ def probe(backend: str) -> str | None:
             timeout=PROBE_SECONDS,
         )
     except subprocess.TimeoutExpired:
-        return f"no picture within {PROBE_SECONDS} s"
+        return f"no image within {PROBE_SECONDS} s"
     if child.returncode == 0 and "drawn" in child.stdout:
         return None
     if (missing := missing_library(backend)) is not None:
@@ -148,20 +149,20 @@ def probe(backend: str) -> str | None:
 
 
 def missing_library(backend: str) -> str | None:
-    """Say in one line which library of `backend` cannot be loaded; None if all can.
+    """One line naming the library of `backend` that cannot be loaded; None if all can be loaded.
 
-    PyOpenGL itself does not say it: it goes on without the library and fails later, on an attribute of None.
+    PyOpenGL does not report it: it continues without the library and fails later, on an attribute of None.
     """
     for names in _LIBRARIES.get(backend, ()):
         failures = [_load_failure(name) for name in names]
         if None not in failures:
             broken = [failure for failure in failures if failure]
-            return f"PyOpenGL cannot load {broken[0]}" if broken else f"PyOpenGL finds no {names[0]}"
+            return f"PyOpenGL cannot load {broken[0]}" if broken else f"PyOpenGL cannot find {names[0]}"
     return None
 
 
 def _load_failure(name: str) -> str | None:
-    """The loader's message about a library that is there but broken; empty if it is not there, None if it loads."""
+    """The loader's message about a library that is installed but broken; empty if not installed, None if it loads."""
     try:
         ctypes.CDLL(name)
     except OSError as error:
@@ -171,7 +172,7 @@ def _load_failure(name: str) -> str | None:
 
 
 def _check_loaded(backend: str) -> None:
-    """Raise PlatformError if mujoco was imported with another backend: it cannot be changed any more."""
+    """Raise PlatformError if mujoco was imported with another backend, which cannot be changed afterwards."""
     mujoco = sys.modules.get("mujoco")
     if mujoco is None:
         return
@@ -179,7 +180,7 @@ def _check_loaded(backend: str) -> None:
     loaded = "none" if context is None else context.__module__.rpartition(".")[2]
     if loaded != backend:
         raise PlatformError(
-            f"mujoco is already imported with GL backend {loaded}, not {backend}: "
+            f"mujoco was already imported with GL backend {loaded}, not {backend}: "
             f"set MUJOCO_GL={backend} before starting"
         )
 
@@ -190,7 +191,7 @@ def _use(backend: str) -> None:
     os.environ["MUJOCO_GL"] = backend
     if backend != "glfw":
         os.environ["PYOPENGL_PLATFORM"] = backend
-    # A 48x48 frame is too small to share among threads of Mesa's software rasteriser.
+    # A 48x48 frame is too small to split among threads of Mesa's software rasterizer.
     os.environ.setdefault("LP_NUM_THREADS", "1")
     _load_triton()
 
@@ -215,12 +216,12 @@ def _cache_path() -> Path | None:
         return Path(folder) / "ifo" / "gl-backend"
     try:
         return Path.home() / ".cache" / "ifo" / "gl-backend"
-    except RuntimeError:  # No home folder: nothing is remembered.
+    except RuntimeError:  # No home folder: nothing is cached.
         return None
 
 
 def _cache_key() -> list[str]:
-    """What a probe's answer depends on."""
+    """Everything that the result of a probe depends on."""
     boot = ""
     with suppress(OSError):
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
@@ -241,7 +242,7 @@ def _read_cache() -> list[str]:
         kept = json.loads(path.read_text()) if path is not None else {}
         if kept.get("key") != _cache_key():
             return []
-        # Libraries may have been removed since.
+        # Libraries may have been removed in the meantime.
         return [name for name in kept["works"] if name in BACKENDS and missing_library(name) is None]
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return []

@@ -1,6 +1,6 @@
-"""The border between ifo and a user's own task: what the task returns is checked, and what it raises is reported.
+"""The boundary between ifo and a user's own task: return values are checked, and exceptions are reported.
 
-Built-in tasks need no guard: what is wrong with them is a bug of ours, and the tests hold them to the same promises
+Built-in tasks need no guard: their faults are bugs in ifo, and the tests apply the same checks to them
 (`stages.simulation.checking`).
 """
 
@@ -27,23 +27,23 @@ COUNTS = ("control_steps", "substeps", "frame_every", "oversampling")
 SHARES = ("success_threshold", "expert_threshold")
 PROTOCOL = {name for name in (*vars(Task), *Task.__annotations__) if not name.startswith("_")}
 
-Shape = tuple[int | str, ...]  # a letter stands for any number that is the same in every call
+Shape = tuple[int | str, ...]  # a letter stands for any size that stays the same in every call
 
 
 def guarded(task: Task) -> Task:
-    """The same task behind the guard, which passes for it; a task that is guarded already is returned as it is."""
+    """Wrap the task in a guard, which passes for the task itself. A guarded task is returned unchanged."""
     return cast(Task, task if type(task) is Guard else Guard(task))
 
 
 def attribute_faults(task: Task) -> Iterator[TaskError]:
-    """What is wrong with a user's task's plain attributes."""
+    """Yield the faults in the plain attributes of a user's task."""
     guard: Any = guarded(task)
     for name in COUNTS:
         if not _is_count(value := getattr(guard, name)):
-            yield broken(task, name, f"is {value!r}, expected a whole number of 1 or more")
+            yield broken(task, name, f"is {value!r}, expected an integer of at least 1")
     for name in SHARES:
         if not isinstance(value := getattr(guard, name), int | float) or not 0 < value <= 1:
-            yield broken(task, name, f"is {value!r}, expected a share of the initial distance, above 0 and up to 1")
+            yield broken(task, name, f"is {value!r}, expected a fraction of the initial distance in (0, 1]")
     size, sides = guard.frame_size, FRAME_SIDES
     if not isinstance(size, tuple) or len(size) != 2 or not all(side in sides for side in size):
         yield broken(
@@ -60,18 +60,18 @@ def attribute_faults(task: Task) -> Iterator[TaskError]:
     known: tuple[str, ...] = FACTORS
     for name in ("factors", "default_factors"):
         if not isinstance(value := getattr(guard, name), tuple) or not all(factor in known for factor in value):
-            yield broken(task, name, f"is {value!r}, expected a tuple of some of {', '.join(known)}")
+            yield broken(task, name, f"is {value!r}, expected a tuple with elements from {', '.join(known)}")
         else:
             known = value
     if _is_count(guard.control_steps) and _is_count(guard.frame_every) and guard.control_steps <= guard.frame_every:
-        yield broken(task, "frame_every", f"is {guard.frame_every}, which makes videos of one frame: expected less")
+        yield broken(task, "frame_every", f"is {guard.frame_every}, which gives one frame per video: expected less")
 
 
 class Guard:
-    """Stands in for a user's task: the same attributes and methods, `isinstance` included.
+    """Stand-in for a user's task with the same attributes and methods; `isinstance` works as for the task.
 
     Raises:
-        TaskError: The task raised an exception, or returned what `Task` does not allow.
+        TaskError: The task raised an exception or returned a value that `Task` does not allow.
     """
 
     def __init__(self, task: Task):
@@ -113,11 +113,11 @@ class Guard:
         with self._reporting("posture"):
             indices = self._task.posture
         if not isinstance(indices, np.ndarray) or indices.ndim != 1 or indices.dtype.kind not in "iu":
-            self._refuse("posture", "is no array of indices into qpos (k,)")
+            self._refuse("posture", "is not an integer array (k,) of indices into qpos")
         if not len(indices):
-            self._refuse("posture", "is empty, since the model has no hinge or slide: override it")
+            self._refuse("posture", "is empty because the model has no hinge or slide: override it")
         if indices.min() < 0 or indices.max() >= self.model.nq:
-            self._refuse("posture", f"holds indices beyond the model's {self.model.nq} joint positions")
+            self._refuse("posture", f"contains indices outside the model's {self.model.nq} joint positions")
         return indices
 
     def draw_contexts(self, rng: np.random.Generator, n: int, distribution: ContextDistribution) -> Contexts:
@@ -161,7 +161,7 @@ class Guard:
     def distance(self, state: State, contexts: Contexts) -> np.ndarray:
         value = self._check("distance", self._call("distance", state, contexts), (len(state.qpos),))
         if value.min() < 0:
-            self._refuse("distance", f"returned {value.min():g}, expected no negative distance")
+            self._refuse("distance", f"returned {value.min():g}, expected a non-negative distance")
         return value
 
     def goal_error(self, state: State, contexts: Contexts) -> np.ndarray:
@@ -177,13 +177,13 @@ class Guard:
     def outcome(self, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         both = self._call("outcome", distance)
         if not isinstance(both, tuple) or len(both) != 2:
-            self._refuse("outcome", "returned no pair of initial and final distances")
+            self._refuse("outcome", "did not return a pair of initial and final distances")
         for part, value in zip(("initial", "final"), both, strict=True):
             self._check("outcome", value, (len(distance),), f", {part} distance,")
         if both[0].min() <= 0:
             self._refuse(
                 "outcome" if "outcome" in vars(self.__class__) else "distance",
-                "says that an episode starts at distance 0, expected more: results are measured in initial distances",
+                "starts an episode at distance 0, expected more: results are divided by the initial distance",
             )
         return both
 
@@ -199,24 +199,24 @@ class Guard:
         there = camera in names if isinstance(camera, str) else camera in range(model.ncam)
         if not there:
             found = ", ".join(name or str(k) for k, name in enumerate(names)) or "none"
-            self._refuse("build", f"makes no camera {camera!r}, which frames are drawn from; its cameras: {found}")
+            self._refuse("build", f"has no camera {camera!r}, which renders the frames; its cameras: {found}")
         if not model.nu:
-            self._refuse("build", "makes no actuator: expected one or more for actions")
+            self._refuse("build", "has no actuator: expected at least one")
         return model
 
     def _check_start(self, method: str, start: Any, n: int) -> tuple[np.ndarray, np.ndarray]:
         if not isinstance(start, tuple) or len(start) != 2:
-            self._refuse(method, f"returned a {type(start).__name__}, expected the pair qpos (n, nq), qvel (n, nv)")
+            self._refuse(method, f"returned a {type(start).__name__}, expected a pair qpos (n, nq), qvel (n, nv)")
         self._check(method, start[0], (n, self.model.nq), ", qpos,")
         self._check(method, start[1], (n, self.model.nv), ", qvel,")
         return start
 
     def _check_dict(self, method: str, value: Any) -> None:
         if not isinstance(value, dict) or not all(isinstance(name, str) for name in value):
-            self._refuse(method, f"returned a {type(value).__name__}, expected a dict of arrays by name")
+            self._refuse(method, f"returned a {type(value).__name__}, expected a dict of named arrays")
 
     def _check(self, method: str, value: Any, shape: Shape, which: str = "") -> np.ndarray:
-        """Return `value`, an array of finite numbers of this shape, or raise TaskError."""
+        """Return `value` if it is an array of finite numbers with this shape, or raise TaskError."""
         told = f"{which} returned".lstrip() if which.startswith(",") else f"returned{which}"
         known = tuple(self._sizes.get((method, k), size) for k, size in enumerate(shape))
         expected = f"({', '.join(map(str, known))}{',' if len(known) == 1 else ''})"
@@ -228,7 +228,7 @@ class Guard:
             self._refuse(method, f"{told} an array of {value.dtype}, expected numbers")
         if not np.isfinite(value).all():
             bad = int(np.count_nonzero(~np.isfinite(value)))
-            self._refuse(method, f"{told} {bad} numbers of {value.size} that are not finite")
+            self._refuse(method, f"{told} {bad} non-finite numbers of {value.size}")
         for k, letter in enumerate(shape):
             if isinstance(letter, str):
                 self._sizes[method, k] = value.shape[k]
@@ -239,12 +239,12 @@ class Guard:
             return getattr(self._task, method)(*arguments)
         except IfoError:
             raise
-        except Exception as error:  # A user's code may fail in any way, and none of them is a bug of ours.
+        except Exception as error:  # User code may fail in any way, and no failure of it is a bug in ifo.
             raise self._failed(method, error) from error
 
     @contextmanager
     def _reporting(self, name: str) -> Iterator[None]:
-        """As `_call`, for properties."""
+        """Report errors like `_call`, for properties."""
         try:
             yield
         except (IfoError, AttributeError) as error:

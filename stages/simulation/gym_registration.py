@@ -1,6 +1,6 @@
-"""The tasks in Gymnasium: importing this module, or `ifo.envs`, registers `ifo/Reach-v0`, `ifo/PushReal-v0` and so on.
+"""Gymnasium registration: importing this module, or `ifo.envs`, registers `ifo/Reach-v0`, `ifo/PushReal-v0` etc.
 
-`ifo/Task-v0` makes any other task by `task_name`, such as `dm:reacher-easy`.
+`ifo/Task-v0` creates any other task by its `task_name`, for example `dm:reacher-easy`.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ def make(
     render_mode: str | None = None,
     render_size: tuple[int, int] = (240, 240),
 ) -> SuiteEnv:
-    """A Gymnasium environment of the task.
+    """Create a Gymnasium environment of the task.
 
     Args:
         task_name: The task's name.
         contexts, observe, pixels: As in `stages.simulation.suite.load`.
         render_mode: `rgb_array`, `depth_array` or None.
-        render_size: Height and width of what `render` returns, pixels.
+        render_size: Height and width of the images that `render` returns, pixels.
 
     Raises:
-        PlatformError: It is to draw, and no OpenGL backend works.
-        UsageError: There is no such distribution or observer.
+        PlatformError: Rendering is requested and no OpenGL backend works.
+        UsageError: The task, distribution or observer is unknown.
     """
     from stages.simulation.gl import choose_backend
 
@@ -48,7 +48,7 @@ def make(
 
 
 def register() -> None:
-    """Register the ids; does nothing where they are registered already."""
+    """Register the ids; ids that are already registered are left unchanged."""
     for name, kwargs in IDS.items():
         if name not in gymnasium.registry:
             gymnasium.register(id=name, entry_point=f"{__name__}:make", kwargs=kwargs)

@@ -1,4 +1,4 @@
-"""A task under examination: what `stages.simulation.checking` draws and plays of it, each once."""
+"""A task under test: contexts, episodes and frames for `stages.simulation.checking`, each computed once."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from stages.simulation.task import State, Task
 if TYPE_CHECKING:
     from stages.simulation.render import RenderPool
 
-SIMULATIONS = 4  # in a batch
-STEPS = 100  # control steps of a random episode, at most
-SHOWN = 20  # contexts whose first frames are drawn
+SIMULATIONS = 4  # per batch
+STEPS = 100  # maximum number of control steps of a random episode
+SHOWN = 20  # contexts whose first frames are rendered
 
 
 @dataclass(frozen=True)
 class Episode:
-    """A random episode of n simulations: what the task said at every control step, (n, K + 1, ...).
+    """A random episode of n simulations: the task's results at every control step, (n, K + 1, ...).
 
-    `goal_error` is empty where the task defines none.
+    `goal_error` is empty if the task does not define it.
     """
 
     qpos: np.ndarray
@@ -42,7 +42,7 @@ class Episode:
 
 
 class Probe:
-    """A task under examination, and what was drawn and played of it."""
+    """A task under test, with cached contexts, episodes and frames."""
 
     def __init__(self, task: Task, seed: int):
         self.task, self.seed = task, seed
@@ -55,7 +55,7 @@ class Probe:
         return broken(self.task, member, problem)
 
     def draw(self, n: int, name: str = "paper", vary: str = "", seed: int = 0) -> Contexts:
-        """`n` contexts of the distribution `name`."""
+        """Draw `n` contexts from the distribution `name`."""
         return self.task.draw_contexts(generator(self.seed, "check-task", seed), n, distribution(name, vary))
 
     @cached_property
@@ -76,7 +76,7 @@ class Probe:
 
     @cached_property
     def has_goal_error(self) -> bool:
-        """Whether the task defines its error as a vector."""
+        """Whether the task defines goal_error."""
         try:
             self.task.goal_error(BatchSimulation(self.task, SIMULATIONS).reset(*self.start), self.contexts)
         except TaskError:
@@ -86,7 +86,7 @@ class Probe:
         return True
 
     def play(self, which: slice = slice(None)) -> Episode:
-        """The random episode, of `which` simulations only."""
+        """Play the random episode for the simulations `which` only."""
         task, contexts = self.task, take(self.contexts, which)
         act = held(self.actions[:, which], task)
         simulation = BatchSimulation(task, len(self.start[0][which]))
@@ -114,7 +114,7 @@ class Probe:
         return said | ({"goal_error": task.goal_error(state, contexts)} if self.has_goal_error else {})
 
     def roll(self, task: Task, act: Callable[[State, Contexts], np.ndarray]) -> Rollout:
-        """A whole episode of `task` from the contexts' own start."""
+        """Roll out a full episode of `task` from the contexts' initial states."""
         return rollout(task, self.contexts, *task.context_state(self.contexts), act)
 
     @property
@@ -125,7 +125,7 @@ class Probe:
         return self._pool
 
     def looks(self, contexts: Contexts) -> np.ndarray:
-        """First frames (n, H, W, 3), each drawn by itself: a frame's place in the buffer decides how edges round."""
+        """First frames (n, H, W, 3), each rendered separately: a frame's tile affects the rounding at its edges."""
         fields, (qpos, _) = self.task.model_fields(contexts), self.task.context_state(contexts)
         cuts = [slice(k, k + 1) for k in range(len(qpos))]
         return np.concatenate([self.pool.render(take(fields, cut), qpos[cut, None])[:, 0] for cut in cuts])

@@ -1,4 +1,4 @@
-"""Tasks by name: the paper's, dm_control's suite, and those of users."""
+"""Creates tasks by name: the paper's, those of dm_control's suite, and users' own."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from stages.simulation.task import Task
 
 
 def make_task(name: str, typed: bool = False) -> Task:
-    """The task called `name`; a user's task is guarded (`stages.simulation.guard`).
+    """Create the task called `name`. A user's task is guarded (`stages.simulation.guard`).
 
     Args:
-        name: One of the built-in tasks; `dm:DOMAIN-TASK`; the name of an entry point of the group `ifo.tasks`; or
+        name: A built-in task; `dm:DOMAIN-TASK`; the name of an entry point in the group `ifo.tasks`; or
             `MODULE:ATTR`, a subclass of Task or a function that returns a task.
         typed: Whether the user typed the name. A `MODULE:ATTR` that comes from a file is imported only if the
-            environment variable IFO_TASKS lists it: opening a stranger's file must not run code.
+            environment variable IFO_TASKS lists it: opening an untrusted file must not run code.
 
     Raises:
-        UsageError: There is no such task, it may not be imported, or (TaskError) it is broken.
+        UsageError: The task does not exist, may not be imported, or (TaskError) is broken.
     """
     if task := _built_in(name):
         return task
@@ -44,12 +44,12 @@ def make_task(name: str, typed: bool = False) -> Task:
 
 
 def unguarded_task(name: str, typed: bool = False) -> Task:
-    """As `make_task`, but neither guarded nor checked."""
+    """Create a task as `make_task` does, but without guard and checks."""
     return _built_in(name) or _brought(name, typed)
 
 
 def _built_in(name: str) -> Task | None:
-    """The task of this package called `name`; None: there is none."""
+    """The built-in task called `name`; None if there is none."""
     if (ours := entry(name)) is None:
         return None
     module, _, attribute = ours.where.partition(":")
@@ -58,16 +58,16 @@ def _built_in(name: str) -> Task | None:
 
 
 def _brought(name: str, typed: bool) -> Task:
-    """The task that a user's code makes.
+    """Create a task that is defined in a user's code.
 
     Raises:
-        UsageError: It cannot be imported, or is no task.
+        UsageError: The code cannot be imported, or does not return a task.
     """
     plugin = plugins().get(check_task_name(name))
     if not plugin and not typed and not is_trusted(name):
         raise UsageError(
-            f"task {name!r} is code that the file names, and code that a file names is imported only with your "
-            f"permission: if you trust it, export {TRUSTED}={name}"
+            f"the file names task {name!r}, which is code outside ifo and is imported only with your permission: "
+            f"if you trust it, export {TRUSTED}={name}"
         )
     load: Callable[[], object] = plugin.load if plugin else lambda: _attribute(name)
     module = plugin.module if plugin else name.partition(":")[0]
@@ -77,21 +77,21 @@ def _brought(name: str, typed: bool) -> Task:
         task = made() if callable(made) else made
     except IfoError:
         raise
-    except (Exception, SystemExit) as error:  # A user's code may fail in any way, and none of them is a bug of ours.
+    except (Exception, SystemExit) as error:  # User code may fail in any way; none is a bug in ifo.
         if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] == module.partition(".")[0]:
             raise UsageError(f"task {name!r}: {error}; is its module installed or on PYTHONPATH?") from error
         place = definition(made) if isinstance(made, type) else ""
-        raise UsageError(f"task {name!r} cannot be made {failure(error, [module], place)}; fix its code") from error
+        raise UsageError(f"task {name!r} cannot be created {failure(error, [module], place)}; fix its code") from error
     if not isinstance(task, Task):
         raise UsageError(f"task {name!r} is a {type(task).__name__}, expected an ifo.Task")
-    task.name = name  # What later stages find it by.
+    task.name = name  # Later stages find the task by this name.
     return task
 
 
 def _attribute(name: str) -> object:
     module, _, attribute = name.partition(":")
     if not module.strip(".") or module.startswith(".") or not attribute:
-        raise UsageError(f"task {name!r}: expected MODULE:ATTR, such as my_tasks:Lift")
+        raise UsageError(f"task {name!r}: expected MODULE:ATTR, for example my_tasks:Lift")
     made = getattr(importlib.import_module(module), attribute, None)
     if made is None:
         raise UsageError(f"task {name!r}: the module {module} has no {attribute}; is it the right one?")
@@ -101,7 +101,7 @@ def _attribute(name: str) -> object:
 def code_digest(task: Task) -> dict[str, str]:
     """The SHA-256 of a user's task file, as `{"task_code": ...}`, so that a changed task makes new artifacts.
 
-    Empty for tasks of this package, whose code belongs to the version of ifo.
+    Empty for built-in tasks, whose code is identified by the version of ifo.
     """
     files = [getattr(sys.modules.get(name), "__file__", None) for name in sorted(modules_of(task.__class__))]
     digests = [sha256_of(file) for file in files if file and Path(file).is_file()]
@@ -109,21 +109,21 @@ def code_digest(task: Task) -> dict[str, str]:
 
 
 def task_defaults(name: str, typed: bool = False) -> TaskDefaults:
-    """What the task called `name` needs otherwise than the presets.
+    """The own defaults of the task called `name`, where they differ from the presets.
 
-    For tasks of ours nothing is imported; tasks of users are made, as by `make_task`.
+    Nothing is imported for built-in tasks. Users' tasks are created as by `make_task`.
 
     Raises:
-        UsageError: There is no such task, it may not be imported, or it is broken.
+        UsageError: The task does not exist, may not be imported, or is broken.
     """
     if not name or entry(name) is not None:
         return own_defaults(name)
-    choose_backend(required=False)  # The task may import mujoco, which settles on a backend then.
+    choose_backend(required=False)  # The task may import mujoco, which fixes its backend on import.
     return make_task(name, typed).defaults
 
 
 def known_defaults(name: str) -> TaskDefaults:
-    """As `task_defaults`, of a task that a file names; empty where it may not be imported."""
+    """`task_defaults` of a task that a file names; empty if the task may not be imported."""
     return task_defaults(name) if is_trusted(name) else {}
 
 
@@ -136,10 +136,10 @@ def distribution(name: str, vary: str = "") -> ContextDistribution:
     """The context distribution called `name`.
 
     Args:
-        vary: Comma-separated factors to vary in place of the task's own choice; empty: those.
+        vary: Comma-separated factors to vary instead of the task's default factors; empty for the default factors.
 
     Raises:
-        UsageError: There is no such distribution or factor.
+        UsageError: The distribution or a factor is unknown.
     """
     if name not in DISTRIBUTIONS:
         raise UsageError(f"--contexts {name!r}: expected one of {', '.join(DISTRIBUTIONS)}")
@@ -148,5 +148,5 @@ def distribution(name: str, vary: str = "") -> ContextDistribution:
 
 
 def learner_context(task: Task, context_seed: int, drawn_from: ContextDistribution) -> Contexts:
-    """The learner's context omega_l (leading axis 1): a stream of its own, which no demonstration is drawn from."""
+    """The learner's context omega_l (leading axis 1), from a random stream that no demonstration uses."""
     return task.draw_contexts(generator(context_seed, "learner-context"), 1, drawn_from)

@@ -1,7 +1,7 @@
-"""Frames of many simulations at once: tiles of one offscreen buffer, in as many processes as there are cores.
+"""Renders frames of many simulations at once: tiles of one offscreen buffer, in several processes.
 
-Threads that share one process do not draw faster than one (Mesa's software rasteriser and the driver's locks keep them
-waiting for each other); processes do.
+Several threads in one process are no faster than one, because Mesa's software rasterizer and the driver serialize them
+with locks. Several processes are faster.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
 
     from stages.simulation.task import Task
 
-DEAD_WORKER = "a process that draws frames ended: run `ifo doctor`, or use fewer --workers if memory is short"
-TILES = (8, 8)  # columns, rows of the buffer: larger gains nothing
+DEAD_WORKER = "a render process died: run `ifo doctor`, or reduce --workers if memory is short"
+TILES = (8, 8)  # columns, rows of the buffer: larger is no faster
 PIECE = TILES[0] * TILES[1]
 
 
 def pieces(n_videos: int, n_frames: int) -> list[tuple[slice, slice]]:
-    """Cut V videos of T frames into pieces that fit the buffer: slices of videos and of frames.
+    """Split V videos of T frames into pieces that fit the buffer: slices of videos and of frames.
 
-    A frame's tile decides how its edges round, so the cut depends on the shape alone, never on how many processes
-    draw: the same request gives the same bytes everywhere.
+    A frame's tile affects the rounding at its edges. The split therefore depends only on the shape, never on the number
+    of processes: the same request gives the same bytes everywhere.
     """
     if n_frames <= PIECE:
         step = PIECE // n_frames
@@ -41,15 +41,15 @@ def pieces(n_videos: int, n_frames: int) -> list[tuple[slice, slice]]:
 
 
 class TileRenderer:
-    """Draws frames of one model into tiles of one buffer, reading it back once it is full.
+    """Renders frames of one model into tiles of one buffer, which is read back when it is full.
 
-    Not thread-safe: use it from the thread that made it, and `close` it there.
+    Not thread-safe: use and `close` it in the thread that created it.
     """
 
     def __init__(
         self, model: mujoco.MjModel, height: int, width: int, camera: str | int = "context", oversampling: int = 1
     ):
-        """Prepare to draw what `camera` (a name or an id) sees, each pixel the mean of `oversampling` squared ones."""
+        """Prepare to render `camera` (a name or an id). Each pixel averages `oversampling` squared samples."""
         import mujoco
 
         self._mujoco = mujoco
@@ -70,7 +70,7 @@ class TileRenderer:
             forget_backend()
             reason = " ".join(str(error).split())
             raise PlatformError(
-                f"nothing here can draw any more ({reason}): `ifo doctor` says what to install"
+                f"rendering no longer works here ({reason}): `ifo doctor` lists what to install"
             ) from error
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._render_context)
         self._scene = mujoco.MjvScene(self._model, maxgeom=max(64, 2 * self._model.ngeom))
@@ -81,12 +81,12 @@ class TileRenderer:
         self._camera = mujoco.MjvCamera()
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
         self._camera.fixedcamid = self._model.camera(camera).id
-        # A camera that follows a body needs centres of mass.
+        # A camera that tracks a body needs centers of mass.
         self._follows = self._model.cam_mode[self._camera.fixedcamid] != mujoco.mjtCamLight.mjCAMLIGHT_FIXED
         self._buffer = np.empty((full_height, full_width, 3), np.uint8)
 
     def render(self, fields: dict[str, np.ndarray], qpos: np.ndarray) -> np.ndarray:
-        """Draw V videos of T frames.
+        """Render V videos of T frames.
 
         Args:
             fields: MjModel fields of each video's context, name -> (V, *shape).
@@ -103,7 +103,7 @@ class TileRenderer:
         return out
 
     def _draw(self, fields: dict[str, np.ndarray], qpos: np.ndarray) -> np.ndarray:
-        """One piece: at most a buffer's worth of frames, from the first tile on."""
+        """Render one piece, which fits the buffer, starting at the first tile."""
         mujoco, model, data = self._mujoco, self._model, self._data
         viewport = mujoco.MjrRect(0, 0, self._width, self._height)
         everything = mujoco.mjtCatBit.mjCAT_ALL
@@ -127,7 +127,7 @@ class TileRenderer:
         return reduced(self._read_back(tile), self._oversampling).reshape(*qpos.shape[:2], *self._size, 3)
 
     def _read_back(self, tiles: int) -> np.ndarray:
-        """Frames (tiles, H, W, 3) of the buffer's first tiles; the buffer's rows run upwards."""
+        """Frames (tiles, H, W, 3) of the buffer's first tiles. The buffer's rows run upward."""
         rows = -(-tiles // self._columns)
         used = self._mujoco.MjrRect(0, 0, self._columns * self._width, rows * self._height)
         pixels = self._buffer[: rows * self._height]
@@ -136,7 +136,7 @@ class TileRenderer:
         return grid.swapaxes(1, 2).reshape(-1, self._height, self._width, 3)[:tiles]
 
     def close(self) -> None:
-        """Free the GL context; without it the interpreter prints ignored exceptions when it ends."""
+        """Free the GL context. Otherwise the interpreter prints ignored exceptions at exit."""
         if self._gl is not None:
             self._render_context.free()
             self._gl.free()
@@ -144,7 +144,7 @@ class TileRenderer:
 
 
 def reduced(frames: np.ndarray, factor: int) -> np.ndarray:
-    """Frames (n, H, W, 3), uint8, from ones `factor` times as high and wide: means over blocks, as cameras take."""
+    """Downscale frames by `factor` along each side to (n, H, W, 3), uint8, by averaging blocks, as cameras do."""
     if factor == 1:
         return frames
     n, height, width, _ = frames.shape
@@ -155,8 +155,8 @@ def reduced(frames: np.ndarray, factor: int) -> np.ndarray:
 def _serve(
     connection: Connection, model: mujoco.MjModel, height: int, width: int, camera: str | int, oversampling: int
 ) -> None:
-    """A render process: answers (fields, qpos) with frames until it is told None."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks: it ends this one.
+    """Main function of a render process: answers (fields, qpos) with frames until it receives None."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is handled by the parent process, which ends this one.
     try:
         renderer = TileRenderer(model, height, width, camera, oversampling)
     except PlatformError as error:
@@ -167,13 +167,13 @@ def _serve(
         while (request := connection.recv()) is not None:
             connection.send_bytes(renderer.render(*request).tobytes())
     except (EOFError, OSError):
-        pass  # The process that asked is gone.
+        pass  # The parent process is gone.
     finally:
         renderer.close()
 
 
 class RenderPool:
-    """`workers` processes that draw frames of one model side by side. One worker draws in this process."""
+    """Renders frames of one model in `workers` parallel processes. A single worker renders in this process."""
 
     def __init__(
         self,
@@ -215,11 +215,11 @@ class RenderPool:
 
     @classmethod
     def of(cls, task: Task, workers: int) -> RenderPool:
-        """A pool that draws the task's frames."""
+        """Create a pool that renders the task's frames."""
         return cls(task.model, *task.frame_size, workers, task.camera, task.oversampling)
 
     def render(self, fields: dict[str, np.ndarray], qpos: np.ndarray) -> np.ndarray:
-        """Frames (V, T, H, W, 3) of V videos; as `TileRenderer.render`."""
+        """Render frames (V, T, H, W, 3) of V videos, as `TileRenderer.render` does."""
         if self._local is not None:
             return self._local.render(fields, qpos)
         try:
@@ -228,14 +228,14 @@ class RenderPool:
             raise PlatformError(DEAD_WORKER) from error
 
     def _render(self, fields: dict[str, np.ndarray], qpos: np.ndarray) -> np.ndarray:
-        """Hand pieces to whichever process is free."""
+        """Distribute the pieces over the free processes."""
         cuts = pieces(*qpos.shape[:2])
         out = np.empty((*qpos.shape[:2], *self._size, 3), np.uint8)
         waiting = list(reversed(range(len(cuts))))
         drawing: dict[Any, int] = {}
 
         def send_next(connection: Connection) -> None:
-            """Give a process one piece. Never two: both ends would wait for the other to read."""
+            """Send one piece to a process. Sending two could deadlock, with both ends waiting for the other to read."""
             if waiting:
                 drawing[connection] = index = waiting.pop()
                 videos, frames = cuts[index]
@@ -260,7 +260,7 @@ class RenderPool:
                 connection.send(None)
                 connection.close()
             except OSError:
-                pass  # The process is gone already.
+                pass  # The process has already ended.
         for process in self._processes:
             process.join(timeout=5)
             if process.is_alive():

@@ -1,6 +1,6 @@
-"""The dm_control face: the same tasks, contexts and frames as the batch, one simulation at a time.
+"""dm_control interface: the same tasks, contexts and frames as the batch simulation, one simulation at a time.
 
-GL is loaded when this module is imported: call `stages.simulation.gl.choose_backend` first.
+Importing this module loads GL: call `stages.simulation.gl.choose_backend` first.
 
     env = suite.load("reach", contexts="paper", seed=0)
     time_step = env.reset()
@@ -36,7 +36,7 @@ class Physics(mujoco.Physics):
     """Physics of one simulation of a task."""
 
     def task_state(self) -> State:
-        """The state as tasks read it, leading axis 1; its arrays are copies."""
+        """The state in the form that tasks use, with leading axis 1; its arrays are copies."""
         return State(
             qpos=np.array(self.data.qpos)[None],
             qvel=np.array(self.data.qvel)[None],
@@ -46,25 +46,25 @@ class Physics(mujoco.Physics):
         )
 
     def render(self, *args: Any, **kwargs: Any) -> np.ndarray:
-        """A camera's view; as `dm_control.mujoco.Physics.render`."""
+        """Render a camera's view, as `dm_control.mujoco.Physics.render` does."""
         self._make_current()
         return super().render(*args, **kwargs)
 
     def free(self) -> None:
-        """Free the GL context and the simulation. May be called twice."""
+        """Free the GL context and the simulation. Calling it twice is allowed."""
         if self._contexts:
             self._make_current()
         super().free()
 
     def _make_current(self) -> None:
-        """Make the GL context current, even if dm_control believes it is: another may have come between."""
+        """Make the GL context current even if dm_control believes that it is, because others may have replaced it."""
         gl = self.contexts.gl
         with gl.make_current() as thread:
             thread.call(gl._platform_make_current)
 
 
 class Environment(control.Environment):
-    """dm_control's environment; `close` frees the GL context: do it before the interpreter ends."""
+    """dm_control's environment. Call `close` before the interpreter exits, to free the GL context."""
 
     def close(self) -> None:
         self.physics.free()
@@ -75,7 +75,7 @@ class SuiteTask(base.Task):
 
     Attributes:
         task: The task.
-        contexts: The running episode's context, leading axis 1.
+        contexts: The current episode's context, with leading axis 1.
     """
 
     def __init__(
@@ -87,17 +87,17 @@ class SuiteTask(base.Task):
         observe: str = "learner",
         pixels: bool = False,
     ):
-        """Make the task.
+        """Create the task.
 
         Args:
-            contexts: A distribution, or its name, or a function (rng, n) -> contexts.
-            seed: If given, episode k is what `seeding.generator(seed, "episode", k)` draws, as in the batch.
-            random: Without a seed: the random state that episodes are drawn from, as elsewhere in dm_control.
-            observe: `learner` (positions, velocities and time) or `expert` (what the expert sees as well).
-            pixels: Whether frames are among the observations.
+            contexts: A distribution, its name, or a function (rng, n) -> contexts.
+            seed: If given, episode k is drawn from `seeding.generator(seed, "episode", k)`, as in the batch simulation.
+            random: Random state from which episodes are drawn if no seed is given, as elsewhere in dm_control.
+            observe: `learner` (positions, velocities and time) or `expert` (also the expert's observation).
+            pixels: Whether observations contain frames.
 
         Raises:
-            UsageError: There is no such distribution or observer.
+            UsageError: The distribution or observer is unknown.
         """
         super().__init__(random)
         if observe not in OBSERVERS:
@@ -113,7 +113,7 @@ class SuiteTask(base.Task):
         self.contexts = task.draw_contexts(np.random.default_rng(0), 1, DISTRIBUTIONS["fixed"])
 
     def seed(self, seed: int | None) -> None:
-        """Start again at episode 0 of `seed`; None: episodes are drawn from the random state."""
+        """Restart at episode 0 of `seed`. With None, episodes are drawn from the random state."""
         self._seed, self._episode = seed, 0
 
     def _generator(self) -> np.random.Generator:
@@ -123,7 +123,7 @@ class SuiteTask(base.Task):
         return generator(self._seed, "episode", self._episode - 1)
 
     def initialize_episode(self, physics: Physics) -> None:
-        """Draw a context and a state, and write them into the physics."""
+        """Draw a context and an initial state, and write them into the physics."""
         rng = self._generator()
         self.contexts = self._draw_contexts(rng, 1)
         qpos, qvel = self.task.draw_states(rng, self.contexts)
@@ -136,16 +136,16 @@ class SuiteTask(base.Task):
         self._distances = [self.task.distance(physics.task_state(), self.contexts)]
 
     def before_step(self, action: Any, physics: Physics) -> None:
-        """Hold `action`, clipped to [-1, 1]."""
+        """Apply `action`, clipped to [-1, 1]."""
         self._action[0] = np.clip(getattr(action, "continuous_actions", action), -1.0, 1.0)
         physics.set_control(self._action[0])
 
     def after_step(self, physics: Physics) -> None:
-        """Note how far the goal is."""
+        """Record the distance to the goal."""
         self._distances.append(self.task.distance(physics.task_state(), self.contexts))
 
     def get_observation(self, physics: Physics) -> OrderedDict[str, np.ndarray]:
-        """Position, velocity and time; what the expert sees, and frames, on request."""
+        """Position, velocity and time; the expert's observation and frames on request."""
         state = physics.task_state()
         observation = OrderedDict(position=state.qpos[0], velocity=state.qvel[0], time=state.time)
         if self._expert:
@@ -155,15 +155,15 @@ class SuiteTask(base.Task):
         return observation
 
     def get_reward(self, physics: Physics) -> float:
-        """The reward that experts learn from."""
+        """The hand-written reward that experts learn from."""
         return float(self.task.expert_reward(physics.task_state(), self._action, self.contexts)[0])
 
     def distance(self, physics: Physics) -> float:
-        """Distance to the goal, metres."""
+        """Distance to the goal, in meters (see `Task.distance`)."""
         return float(self.task.distance(physics.task_state(), self.contexts)[0])
 
     def normalised_distance(self, physics: Physics) -> float:
-        """Distance over the distance at the episode's start, the paper's metric, if the episode ended now."""
+        """The paper's metric if the episode ended now: the distance divided by the initial distance."""
         initial, final = self.task.outcome(np.stack(self._distances, axis=1))
         return float(final[0] / initial[0])
 
@@ -186,21 +186,21 @@ def load(
     pixels: bool = False,
     environment_kwargs: dict[str, Any] | None = None,
 ) -> Environment:
-    """A dm_control environment of the task: each episode in a context of its own.
+    """Create a dm_control environment of the task. Each episode has its own context.
 
     Args:
         task_name: The task's name.
         contexts, seed, random, observe, pixels: As in `SuiteTask`.
-        environment_kwargs: For `control.Environment`, such as `flat_observation`.
+        environment_kwargs: Arguments of `control.Environment`, for example `flat_observation`.
 
     Raises:
-        UsageError: There is no such task, distribution or observer.
+        UsageError: The task, distribution or observer is unknown.
     """
     task = make_task(task_name, typed=True)
     return Environment(
         Physics.from_model(wrapper.MjModel(copy.copy(task.model))),
         SuiteTask(task, contexts, seed, random, observe, pixels),
-        # Half a step less than the horizon: rounding must not make an episode one step longer.
+        # Half a step less than the horizon, so that rounding cannot make an episode one step longer.
         time_limit=(task.control_steps - 0.5) * task.control_timestep,
         n_sub_steps=task.substeps,
         **(environment_kwargs or {}),
@@ -208,8 +208,8 @@ def load(
 
 
 def frame(physics: mujoco.Physics, task: Task) -> np.ndarray:
-    """The frame (H, W, 3), uint8 RGB, that the task's camera sees: what the batch renderer draws."""
-    # As the batch draws: a few scenes of the suite have mirrors for floors.
+    """The frame (H, W, 3), uint8 RGB, of the task's camera, identical to the batch renderer's."""
+    # Without reflections, like the batch renderer: a few scenes of the suite have reflecting floors.
     size = (side * task.oversampling for side in task.frame_size)
     drawn = physics.render(*size, camera_id=task.camera, render_flag_overrides={"reflection": False})
     return reduced(drawn[None], task.oversampling)[0]

@@ -1,4 +1,4 @@
-"""What a task is: one definition, written for arrays of simulations, that the batch, dm_control and Gymnasium share."""
+"""The task interface: one vectorized definition that the batch simulation, dm_control and Gymnasium share."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class State:
     """State of `n` simulations.
 
     Attributes:
-        qpos: Joint positions (n, nq), radians for hinges, metres for slides.
-        qvel: Joint velocities (n, nv), radians or metres per second.
-        site_xpos: World positions of the model's sites (n, nsite, 3), metres.
+        qpos: Joint positions (n, nq), radians for hinges, meters for slides.
+        qvel: Joint velocities (n, nv), radians or meters per second.
+        site_xpos: World positions of the model's sites (n, nsite, 3), meters.
         time: Time since the start of the episode (n,), seconds.
-        ctrl: The action that led to this state (n, nu); zeros at the start.
+        ctrl: Action that led to this state (n, nu); zeros at the start.
     """
 
     qpos: np.ndarray
@@ -39,24 +39,24 @@ class State:
 
 
 class Task(ABC):
-    """A manipulation task, defined once for the batch, dm_control and Gymnasium.
+    """A manipulation task, defined once for the batch simulation, dm_control and Gymnasium.
 
     Attributes:
         name: The task's name on the command line.
-        factors: What can vary between contexts; by default only `default_factors` do.
+        factors: Factors that can vary between contexts. By default only `default_factors` vary.
         frame_size: Height and width of a frame, pixels, in multiples of 4.
         control_steps: Control steps per episode.
         substeps: Physics steps per control step.
         frame_every: Control steps between two frames.
         success_threshold: A run succeeds below this normalized final distance (the paper's criterion).
         expert_threshold: A demonstration is kept below this normalized final distance.
-        ramp: Weight of the reward over time in the paper's experiments: `none` or `quadratic`.
-        truncates: Whether the episode is cut off at the last control step, so that values extend beyond it.
+        ramp: Weighting of the reward over time in the paper's experiments: `none` or `quadratic`.
+        truncates: Whether episodes are truncated at the last control step, so that values bootstrap beyond it.
         camera: Name or id of the camera that contexts place.
-        oversampling: Frames are rendered this many times as high and wide, and averaged over blocks, as real footage
-            is when it is reduced. 1 is faster, and sufficient where no demonstration is real.
-        defaults: Options for which the task needs other values than the presets: preset -> stage -> field -> value,
-            such as {"quick": {"collect-demos": {"n": 512}}}. A learner or network in place of a field holds the fields
+        oversampling: Frames are rendered this many times larger along each side and averaged over blocks, like real
+            footage that is scaled down. 1 is faster, and sufficient if no demonstration is real.
+        defaults: The task's own defaults where they differ from the presets: preset -> stage -> field -> value, for
+            example {"quick": {"collect-demos": {"n": 512}}}. A learner or network instead of a field contains fields
             that apply only with it: {"quick": {"learn-policy": {"gps": {"blur": 8.0}}}}.
     """
 
@@ -77,16 +77,16 @@ class Task(ABC):
 
     @property
     def frames(self) -> int:
-        """Frames per video, T: one at every `frame_every`-th control step, the first at the start."""
+        """Frames per video, T: one every `frame_every` control steps, starting at the initial state."""
         return -(-self.control_steps // self.frame_every)
 
     @abstractmethod
     def build(self) -> mjcf.RootElement:
-        """The MJCF model."""
+        """Build the MJCF model."""
 
     @cached_property
     def model(self) -> mujoco.MjModel:
-        """The compiled model. Shared: copy before writing to it."""
+        """The compiled model. It is shared: copy it before modifying it."""
         import mujoco
         from dm_control import mjcf
 
@@ -111,9 +111,9 @@ class Task(ABC):
 
     @property
     def posture(self) -> np.ndarray:
-        """Indices into qpos of the joints that motors drive; their final spread shows how consistent an expert is.
+        """Indices into qpos of the actuated joints. Their final spread measures the consistency of an expert.
 
-        If motors drive no joint directly (but tendons, say), the indices of all slides and hinges.
+        If no joint is actuated directly (only tendons, for example), the indices of all slides and hinges.
         """
         driven = self.model.actuator_trnid[self.model.actuator_trntype == 0, 0]  # 0: a joint
         single = self.model.jnt_type >= 2  # slides and hinges
@@ -121,17 +121,17 @@ class Task(ABC):
         return np.unique(self.model.jnt_qposadr[chosen])
 
     def varied(self, distribution: ContextDistribution) -> frozenset[str]:
-        """The factors that are drawn from `distribution`.
+        """The factors that vary under `distribution`.
 
         Raises:
-            UsageError: The distribution varies a factor that this task lacks, or an azimuth without a range.
+            UsageError: The distribution varies a factor that the task does not have, or an azimuth without a range.
         """
         if distribution.vary is None:
             return frozenset(self.default_factors)
         if unknown := sorted(distribution.vary - set(self.factors)):
-            raise UsageError(f"--vary {unknown[0]}: expected factors that {self.name} has, {', '.join(self.factors)}")
+            raise UsageError(f"--vary {unknown[0]}: expected factors of {self.name}: {', '.join(self.factors)}")
         if "azimuth" in distribution.vary and distribution.azimuth[0] == distribution.azimuth[1]:
-            raise UsageError("--vary azimuth: expected --contexts paper or narrow, which say how far; fixed has one")
+            raise UsageError("--vary azimuth: needs --contexts paper or narrow; fixed has a single azimuth")
         return distribution.vary
 
     @abstractmethod
@@ -140,26 +140,26 @@ class Task(ABC):
 
     @abstractmethod
     def model_fields(self, contexts: Contexts) -> dict[str, np.ndarray]:
-        """The MjModel fields that make `contexts` visible: name -> (n, *shape of the field)."""
+        """MjModel fields that render `contexts`: name -> (n, *shape of the field)."""
 
     @abstractmethod
     def context_state(self, contexts: Contexts) -> tuple[np.ndarray, np.ndarray]:
-        """The initial state in each context's first frame o_0: qpos (n, nq), qvel (n, nv)."""
+        """Initial state shown in each context's first frame o_0: qpos (n, nq), qvel (n, nv)."""
 
     @abstractmethod
     def draw_states(self, rng: np.random.Generator, contexts: Contexts) -> tuple[np.ndarray, np.ndarray]:
-        """Draw an episode's initial state in each context: qpos (n, nq), qvel (n, nv)."""
+        """Draw the initial state of one episode per context: qpos (n, nq), qvel (n, nv)."""
 
     @abstractmethod
     def observe(self, state: State) -> np.ndarray:
-        """Observation (n, D) of the learner's policy: never the goal.
+        """Observation (n, D) of the learner's policy. It never contains the goal.
 
         --learner gps reads the control step from its last entry, time / horizon.
         """
 
     @abstractmethod
     def observe_expert(self, state: State, contexts: Contexts) -> np.ndarray:
-        """Observation (n, D) of the expert: the state, the time and the goal."""
+        """Observation (n, D) of the expert, with the state, the time and the goal."""
 
     @abstractmethod
     def expert_reward(self, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
@@ -167,36 +167,36 @@ class Task(ABC):
 
     @abstractmethod
     def distance(self, state: State, contexts: Contexts) -> np.ndarray:
-        """Distance (n,) of the task's object from its goal, metres: not negative, and above 0 at the start.
+        """Distance (n,) of the task's object from its goal, meters: non-negative, and positive at the start.
 
-        For household tasks with many pieces, the share of pieces not at the goal yet; for dm_control's, 1 - reward.
+        For household tasks with many pieces, the fraction of pieces not at the goal; for dm_control tasks, 1 - reward.
         """
 
     def goal_error(self, state: State, contexts: Contexts) -> np.ndarray:
         """The task's error as a vector (n, m), zero once the task is done, for learners with quadratic costs.
 
-        The squared norm of its first part is the squared distance in metres; for tasks that count pieces, the mean
-        squared distance of the pieces. Errors of intermediate steps may follow.
+        The squared norm of its first part is the squared distance in meters; for tasks that count pieces, the mean
+        squared distance of the pieces. Errors of intermediate goals may follow.
 
         Raises:
-            UsageError: The task does not define it.
+            UsageError: The task does not define goal_error.
         """
         raise UsageError(
-            f"task {self.name} does not define goal_error, the error as a vector, which --learner gps needs beside "
+            f"task {self.name} does not define goal_error, the error vector that --learner gps needs with "
             "--reward oracle; use --learner trpo"
         )
 
     @property
     def demonstrator(self) -> Task | None:
-        """The same task with the body of the scripted demonstrator that `plan` moves; None: an expert is trained."""
+        """The same task with the scripted demonstrator's body, driven by `plan`; None if an expert is trained."""
         return None
 
     def plan(self, contexts: Contexts, rng: np.random.Generator | None = None) -> np.ndarray:
-        """Actions (control steps, n, nu) of the demonstrator; `rng` adds natural variation."""
+        """Actions (control steps, n, nu) of the scripted demonstrator; `rng` adds natural variation."""
         raise NotImplementedError(f"{self.name} has no plan")
 
     def kinesthetic(self, contexts: Contexts) -> np.ndarray:
-        """Joint positions (T, nq) of the robot guided by hand through the task in one context; zeros for the rest."""
+        """Joint positions (T, nq) of a kinesthetic demonstration in one context; zeros for the objects' joints."""
         raise NotImplementedError(f"{self.name} has no plan")
 
     def outcome(self, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -77,18 +77,21 @@ def fails(folder, capsys):
     [
         ("WrongShape", r"distance .* returned an array \(4, 1\), expected \(4,\)"),
         ("ListOfRewards", r"expert_reward .* returned a list, expected an array \(4,\)"),
-        ("NotFinite", r"observe_expert .* returned 12 numbers of 12 that are not finite"),
+        ("NotFinite", r"observe_expert .* returned 12 non-finite numbers of 12"),
         ("TypoInContexts", r"distance failed at .*\(KeyError: 'gaol'\)"),
         ("TooFewArguments", r"expert_reward failed at .*TypeError: .*takes 3 positional arguments but 4 were given"),
         ("TypoInMjcf", r"build failed at .*'typ' is not a valid attribute"),
         ("DoesNotCompile", r"build failed at .*mass and inertia"),
         ("BuildsText", r"build failed at .*build returned a str, expected a dm_control.mjcf.RootElement"),
-        ("NoMotor", r"build .* makes no camera 'context', .* its cameras: none"),
+        ("NoMotor", r"build .* has no camera 'context', .* its cameras: none"),
         ("StartsElsewhere", r"draw_states .*, qpos, returned an array \(4, 3\), expected \(4, 2\)"),
         ("HalfTheContexts", r"draw_contexts .* returned\['azimuth'\] an array \(2,\), expected \(4,\)"),
-        ("AtTheGoal", r"distance .* an episode starts at distance 0"),
-        ("NoFactors", r"default_factors .* is \('azimuth', 'weather'\), expected a tuple of some of azimuth, .*goal"),
-        ("Abstract", r"cannot be made at .*abstract"),
+        ("AtTheGoal", r"distance .* starts an episode at distance 0"),
+        (
+            "NoFactors",
+            r"default_factors .* is \('azimuth', 'weather'\), expected a tuple with elements from azimuth, .*goal",
+        ),
+        ("Abstract", r"cannot be created at .*abstract"),
     ],
 )
 def test_a_fault_is_told_with_its_place(fails, kind, told):
@@ -100,7 +103,7 @@ def test_a_fault_is_told_with_its_place(fails, kind, told):
 
 def test_a_missing_camera_is_told_before_anything_is_trained(fails):
     line = fails("train-expert", "broken:NoCamera")
-    assert "makes no camera 'wrist', which frames are drawn from; its cameras: context" in line
+    assert "has no camera 'wrist', which renders the frames; its cameras: context" in line
     assert re.search(r"build \(.*glide.py:\d+\)", line)  # which the task inherits
 
 

@@ -1,1 +1,1 @@
-"""One file per task."""
+"""The built-in tasks, one module per task or group of tasks."""

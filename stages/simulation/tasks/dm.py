@@ -1,14 +1,14 @@
-"""Any task of dm_control's suite as a task of this package: `dm:reacher-easy`, `dm:finger-turn_hard` and so on.
+"""Tasks of dm_control's suite as tasks of this package: `dm:reacher-easy`, `dm:finger-turn_hard` etc.
 
-The physics are the suite's own model, stepped in the batch. Observations for the expert and rewards are the suite's
-own code, run on one dm_control physics that each simulation's state is written into in turn, a few thousand times a
-second. Sensors of touch and force therefore speak of the state itself, where dm_control shows what they read inside the
-last physics step. Tasks whose physics change from episode to episode, whose actuators have a state of their own (dog,
-quadruped) or whose actions are not bounded by one (lqr) are refused.
+The batch simulation steps the suite's own model. Expert observations and rewards come from the suite's own code, which
+runs on a single dm_control physics. Each simulation's state is written into it in turn, a few thousand times per
+second. Touch and force sensors are therefore evaluated at the state itself, whereas dm_control reports their values
+from within the last physics step. Tasks are refused if their physics change between episodes, their actuators have an
+internal state (dog, quadruped), or their actions are not limited to [-1, 1] (lqr).
 
-A context varies the camera (turned about the vertical through what it looks at) and the colours of all materials but
-the target's; where the suite puts the target is part of it, too. The distance is 1 - return / 1000: the share of the
-episode's possible reward that was missed.
+A context varies the camera (rotated about the vertical axis through the point that it looks at) and the colors of all
+materials except the target's. The position of the target is also part of the context. The distance is
+1 - return / 1000: the fraction of the maximum return that was missed.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
     from dm_control import mjcf
 
 PREFIX = "dm:"
-CONTROL_STEPS = 1000  # an episode of the suite
+CONTROL_STEPS = 1000  # per episode of the suite
 FRAMES = 25
-JOINT_NOISE = 0.02  # radians or metres, half-width of the noise on hinges and slides in a given context
+JOINT_NOISE = 0.02  # half-width of the noise on hinges and slides within a context, radians or meters
 CAMERA = 0
-# Fields in which the suite's tasks write down what they drew for an episode.
+# Model fields in which the suite's tasks store what they draw for an episode.
 DRAWN_FIELDS = (
     "body_pos",
     "body_quat",
@@ -49,7 +49,7 @@ COLOUR_GAP = 0.35
 
 
 class DmTask(Task):
-    """A task of dm_control's suite; success is a distance below one half, that is, a return above 500."""
+    """A task of dm_control's suite. Success is a distance below 0.5, which is a return above 500."""
 
     defaults = own_defaults(PREFIX)
     factors = ("azimuth", "elevation", "distance", "colour", "initial")
@@ -64,17 +64,17 @@ class DmTask(Task):
         """Load `dm:DOMAIN-TASK`.
 
         Raises:
-            UsageError: The suite has no such task.
+            UsageError: The suite has no such task, or the task is not supported.
         """
         import logging
 
         from dm_control import suite
 
-        logging.getLogger("absl").setLevel(logging.ERROR)  # The suite's own models use what MuJoCo calls outdated.
+        logging.getLogger("absl").setLevel(logging.ERROR)  # The suite's models use deprecated features.
         domain, _, task = name.removeprefix(PREFIX).partition("-")
         if (domain, task) not in suite.ALL_TASKS:
             some = ", ".join(f"{PREFIX}{d}-{t}" for d, t in sorted(suite.EASY))
-            raise UsageError(f"no task {name!r} in dm_control's suite: expected {PREFIX}DOMAIN-TASK, such as {some}")
+            raise UsageError(f"dm_control's suite has no {name!r}: expected {PREFIX}DOMAIN-TASK, for example {some}")
         self.name = name
         self._env = suite.load(domain, task, task_kwargs={"random": 0})
         self.substeps = round(self._env.control_timestep() / self._env.physics.timestep())
@@ -82,16 +82,16 @@ class DmTask(Task):
         self._seen: tuple[State, Contexts, np.ndarray, np.ndarray] | None = None
 
     def _refuse_what_the_batch_cannot(self) -> None:
-        """Raise UsageError where the batch's physics would not be the suite's.
+        """Raise UsageError if the batch simulation could not reproduce the suite's physics.
 
-        Leaves the suite's model as an episode of seed 0 has it: what a task sets in every episode is set here, too.
+        The suite's model is left as in an episode with seed 0, including everything that a task sets in each episode.
         """
         physics, task = self._env.physics, self._env.task
         model = physics.model.ptr
         if model.na:
-            raise UsageError(f"{self.name}: its actuators have a state of their own, which is not simulated here")
+            raise UsageError(f"{self.name}: its actuators have an internal state, which is not supported")
         if not (model.actuator_ctrllimited.all() and (model.actuator_ctrlrange == [-1, 1]).all()):
-            raise UsageError(f"{self.name}: expected actions between -1 and 1, as most of the suite's tasks have")
+            raise UsageError(f"{self.name}: its actions are not limited to [-1, 1], which is not supported")
         names = [name for name in dir(model) if isinstance(getattr(model, name, None), np.ndarray)]
         seen = []
         for seed in (2, 1, 0):
@@ -102,10 +102,10 @@ class DmTask(Task):
         for name in names:
             differ = np.not_equal(seen[0][name], seen[1][name]) | np.not_equal(seen[1][name], seen[2][name])
             if np.any(differ) and not self._harmless(name, np.asarray(differ)):
-                raise UsageError(f"{self.name}: its episodes differ in the physics ({name}), which the batch shares")
+                raise UsageError(f"{self.name}: its physics ({name}) change between episodes, which is not supported")
 
     def _harmless(self, name: str, differ: np.ndarray) -> bool:
-        """Whether what differs between episodes, a mask over a field of the model, touches nothing that moves."""
+        """Whether a difference between episodes, a mask over a model field, does not affect the physics."""
         import mujoco
 
         model = self._env.physics.model.ptr
@@ -119,16 +119,16 @@ class DmTask(Task):
         return name in DRAWN_FIELDS
 
     def build(self) -> mjcf.RootElement:
-        """Not an MJCF tree of ours.
+        """The suite has no MJCF tree of this package.
 
         Raises:
             NotImplementedError: Always; use `model`.
         """
-        raise NotImplementedError("the suite's models come compiled: use `model`")
+        raise NotImplementedError("the suite's models are already compiled: use `model`")
 
     @cached_property
     def model(self) -> mujoco.MjModel:
-        """The suite's model, with the quality that learning needs, its camera free to be placed."""
+        """The suite's model with rendering quality for learning and a camera that can be placed freely."""
         model = copy.copy(self._env.physics.model.ptr)
         quality = model.vis.quality
         quality.offsamples = quality.shadowsize = 0
@@ -140,12 +140,12 @@ class DmTask(Task):
 
     @cached_property
     def _follows(self) -> bool:
-        """Whether the suite's camera follows a body."""
+        """Whether the suite's camera tracks a body."""
         return bool(self._env.physics.model.cam_mode[CAMERA] != 0)
 
     @cached_property
     def _camera(self) -> tuple[np.ndarray, np.ndarray]:
-        """The suite's own camera: position (3,), if it follows a body from its centre of mass; frame (3, 3)."""
+        """The suite's own camera: position (3,), relative to the center of mass of a tracked body; frame (3, 3)."""
         physics = self._env.physics
         with physics.reset_context():
             pass
@@ -156,7 +156,7 @@ class DmTask(Task):
 
     @cached_property
     def _pivot(self) -> np.ndarray:
-        """The point (3,) that the camera looks at and turns about."""
+        """The point (3,) that the camera looks at and rotates about."""
         position, frame = self._camera
         forward = -frame[:, 2]
         centre = np.zeros(3) if self._follows else np.array(self._env.physics.model.stat.center)
@@ -173,7 +173,7 @@ class DmTask(Task):
         return contexts | {name: np.stack([episode[name] for episode in drawn]) for name in drawn[0]}
 
     def _draw_materials(self, rng: np.random.Generator, n: int, vary: bool) -> np.ndarray:
-        """Colours (n, nmat, 3) of the materials; those named after a target keep theirs."""
+        """Draw colors (n, nmat, 3) of the materials. Materials named after a target keep theirs."""
         rgb = np.repeat(self.model.mat_rgba[None, :, :3], n, axis=0).astype(np.float64)
         names = [self.model.mat(k).name for k in range(self.model.nmat)]
         targets = [k for k, name in enumerate(names) if "target" in name]
@@ -185,7 +185,7 @@ class DmTask(Task):
         return rgb
 
     def _draw_episode(self, seed: int) -> Contexts:
-        """What the suite's task draws for an episode."""
+        """The state and model fields that the suite's task draws for an episode."""
         physics, task = self._env.physics, self._env.task
         task._random = np.random.RandomState(seed)
         for name, values in self._pristine.items():
@@ -206,7 +206,7 @@ class DmTask(Task):
         n = len(contexts["azimuth"])
         position, frame = self._camera
         turn = _rotation(np.array([0.0, 0.0, 1.0]), np.radians(contexts["azimuth"]))
-        # The elevation's change is about the camera's own right.
+        # The elevation changes about the camera's own right axis.
         turn = turn @ _rotation(frame[:, 0], np.radians(contexts["elevation"]))
         arm = contexts["camera_distance"][:, None] * (position - self._pivot)
         positions = self._pivot + np.einsum("nij,nj->ni", turn, arm)
@@ -232,7 +232,7 @@ class DmTask(Task):
         return np.array(contexts["initial_qpos"]), np.array(contexts["initial_qvel"])
 
     def draw_states(self, rng: np.random.Generator, contexts: Contexts) -> tuple[np.ndarray, np.ndarray]:
-        """The context's own state, with a little noise on every hinge and slide, inside its range."""
+        """Draw the context's own initial state with small noise on every hinge and slide, within its range."""
         qpos, qvel = self.context_state(contexts)
         for joint in range(self.model.njnt):
             if self.model.jnt_type[joint] < 2:  # free and ball joints
@@ -248,7 +248,7 @@ class DmTask(Task):
         return np.concatenate([state.qpos, state.qvel, phase], axis=1).astype(np.float32)
 
     def observe_expert(self, state: State, contexts: Contexts) -> np.ndarray:
-        """The suite's own observation, flat."""
+        """The suite's own observation, flattened."""
         return self._evaluate(state, contexts)[0]
 
     def expert_reward(self, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
@@ -256,15 +256,15 @@ class DmTask(Task):
         return self._evaluate(state, contexts)[1]
 
     def distance(self, state: State, contexts: Contexts) -> np.ndarray:
-        """1 - reward."""
+        """Distance (n,), defined as 1 - reward."""
         return 1.0 - self._evaluate(state, contexts)[1]
 
     def outcome(self, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """One, and 1 - return / 1000."""
+        """Initial distance 1, and final distance 1 - return / 1000."""
         return np.ones(len(distance)), distance[:, 1:].mean(axis=1) if distance.shape[1] > 1 else distance[:, 0]
 
     def _evaluate(self, state: State, contexts: Contexts) -> tuple[np.ndarray, np.ndarray]:
-        """The suite's observations (n, D) and rewards (n,); kept until another state is asked for."""
+        """The suite's observations (n, D) and rewards (n,), cached until another state is requested."""
         if self._seen is not None and self._seen[0] is state and self._seen[1] is contexts:
             return self._seen[2], self._seen[3]
         physics, task = self._env.physics, self._env.task

@@ -1,4 +1,4 @@
-"""MjModel fields that show contexts: which camera, which colours, which places."""
+"""MjModel fields that render contexts: cameras, colors and positions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class ModelFields:
-    """Fields of one model for n contexts, name -> (n, *shape of the field); begins with the contexts' cameras."""
+    """Builder of one model's fields for n contexts, name -> (n, *shape of the field). The cameras are set first."""
 
     def __init__(self, model: mujoco.MjModel, contexts: Contexts, camera: str = "context"):
         self._model = model
@@ -27,18 +27,18 @@ class ModelFields:
         self._cameras = cameras
 
     def colour(self, rgb: np.ndarray, *geoms: str) -> ModelFields:
-        """Give geoms the colours (n, 3)."""
+        """Set the colors (n, 3) of geoms."""
         for name in geoms:
             self._rgba[:, self._model.geom(name).id, :3] = rgb
         return self
 
     def place(self, geom: str, xy: np.ndarray) -> ModelFields:
-        """Put a geom at (n, 2), metres, in its parent's plane."""
+        """Set the position (n, 2) of a geom in its parent's plane, meters."""
         self._position[:, self._model.geom(geom).id, :2] = xy
         return self
 
     def distractors(self, contexts: Contexts) -> ModelFields:
-        """Place, colour and hide the discs that `draw_distractors` drew."""
+        """Set position, color and visibility of the discs that `draw_distractors` drew."""
         for k in range(contexts["distractor_visible"].shape[1]):
             name = f"distractor_{k}"
             self.place(name, contexts["distractor_position"][:, k]).colour(contexts["distractor_rgb"][:, k], name)
@@ -46,7 +46,7 @@ class ModelFields:
         return self
 
     def done(self) -> dict[str, np.ndarray]:
-        """The fields."""
+        """Return the fields."""
         return {
             "cam_pos": self._cameras[0],
             "cam_quat": self._cameras[1],

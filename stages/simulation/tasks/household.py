@@ -1,9 +1,9 @@
-"""What the household tasks share (Sec. VI.D): a tool on a seven-joint arm, and a person who holds the same tool.
+"""Common base of the household tasks (Sec. VI.D): a tool on a seven-joint arm, and a scripted person with that tool.
 
-Stand-ins for the paper's tasks on a real robot. Demonstrations show the tool alone, moved by a hand that is out of the
-picture; the learner's camera sees as much of its arm, for the tool's rod is long and the picture is cropped around the
-objects, as the paper crops its videos. Person and robot differ in how they move: the person's hand goes where it wants
-to, the robot has torques.
+The tasks stand in for the paper's tasks on a real robot. Demonstrations show only the tool, moved by a hand outside the
+image. The learner's arm is outside the image as well: the tool's rod is long, and the image is cropped around the
+objects, as the paper crops its videos. Person and robot move differently: the person's hand is position-controlled, the
+robot is torque-controlled.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from stages.simulation.tasks.fields import ModelFields
 from stages.simulation.tasks.sawyer import HOME, JOINTS, add_sawyer
 from stages.simulation.tasks.scene import ARM, HIDDEN_GROUP, NOTHING, OBJECT, add_table, make_scene
 
-ROD = 0.4  # of a tool, metres: what holds it is out of the picture
+ROD = 0.4  # length of a tool's rod, meters: whatever holds it is outside the image
 ROD_RADIUS = 0.012
 TABLE_HALF_SIZE = 1.5
-SIDEWAYS = 45.0  # how far the camera's azimuth varies to either side, degrees
+SIDEWAYS = 45.0  # maximum deviation of the camera's azimuth to either side, degrees
 
-HAND_REACH = np.array([0.5, 0.5, 0.5, np.pi, np.pi])  # poses that actions of 1 ask of a hand: metres and radians
-HAND_GAIN, HAND_DAMPING = 400.0, 40.0  # a hand of 1 kg follows within 0.1 s
-COLLIDER_HEIGHT = 0.05  # of pieces, at least, metres
+HAND_REACH = np.array([0.5, 0.5, 0.5, np.pi, np.pi])  # hand poses commanded by actions of 1: meters and radians
+HAND_GAIN, HAND_DAMPING = 400.0, 40.0  # a 1 kg hand follows within 0.1 s
+COLLIDER_HEIGHT = 0.05  # minimum height of the pieces' colliders, meters
 YELLOW = (0.9, 0.75, 0.1, 1)
-BACKING = 0.02  # half of the thickness that a tool's plates collide with, metres
-TREMBLE = np.array([0.006, 0.006, 0.003, 0.04, 0.02])  # standard deviation of a person's waypoints, metres and radians
-TEMPO = 0.04  # standard deviation of the share of the episode at which a waypoint is passed
+BACKING = 0.02  # half thickness of the colliders of a tool's plates, meters
+TREMBLE = np.array([0.006, 0.006, 0.003, 0.04, 0.02])  # standard deviation of a person's waypoints, meters and radians
+TEMPO = 0.04  # standard deviation of the times of waypoints, as a fraction of the episode
 ARM_NOISE = 0.025  # radians, half-width of the uniform noise on the arm's initial joint angles
 
 TABLES = ("plain", "checks", "tiles", "stripes")  # textures
@@ -40,28 +40,28 @@ CANONICAL_TABLE = np.array([0.55, 0.45, 0.35])
 
 
 class Household(Task):
-    """A task with a tool, with the other tasks' timing.
+    """A task with a tool and the same timing as the other tasks.
 
-    Poses of the tool are rows (x, y, z, yaw, tilt): of its tip, metres, its front's direction, and how far it is turned
-    about its own axis `tilts`, radians. The policy sees the arm's joints, where the tool's tip and front are, and the
-    time.
+    Poses of the tool are rows (x, y, z, yaw, tilt): position of its tip, meters, direction of its front, and rotation
+    about its own axis `tilts`, radians. The policy observes the arm's joints, the positions of the tool's tip and
+    front, and the time.
     """
 
-    # From higher up, or farther off, the arm would be in the picture.
+    # Elevation and distance do not vary: from higher up or farther away, the arm would be visible.
     factors = ("azimuth", "colour", "goal", "initial")
     default_factors = ("azimuth", "colour", "goal", "initial")
     oversampling = 3
-    start: tuple[float, ...]  # the tool's pose at the start
-    base: tuple[float, float, float] = (-0.6, 0.0, 0.1)  # of the arm, metres
-    held: tuple[float, float, float, float] = (0, 1, 0, 0)  # how the tool is turned against the flange
-    rod: tuple[float, float, float] = (0, 0, ROD)  # from the tool's tip to the flange, metres
+    start: tuple[float, ...]  # initial pose of the tool
+    base: tuple[float, float, float] = (-0.6, 0.0, 0.1)  # base of the arm, meters
+    held: tuple[float, float, float, float] = (0, 1, 0, 0)  # orientation of the tool relative to the flange
+    rod: tuple[float, float, float] = (0, 0, ROD)  # from the tool's tip to the flange, meters
     tilts: tuple[int, int, int] = (0, 1, 0)
-    home: np.ndarray = HOME  # joints from which the arm's posture is sought, radians
-    # The camera's mean azimuth, its elevation, distance and field of view; degrees and metres.
+    home: np.ndarray = HOME  # initial guess of inverse kinematics, radians
+    # The camera's mean azimuth, its elevation, distance and field of view; degrees and meters.
     filmed_from: tuple[float, float, float, float] = (180.0, -35.0, 1.8, 18.0)
 
     def __init__(self, driver: str = "arm"):
-        """The tool is moved by the robot's `arm`, or by a person's `hand`."""
+        """Create the task. `driver` moves the tool: the robot's `arm`, or a person's `hand`."""
         self._driver = driver
 
     @property
@@ -70,15 +70,15 @@ class Household(Task):
 
     @abstractmethod
     def add_tool(self, body: mjcf.Element) -> None:
-        """Add the tool's geoms to a body whose origin is its tip, its front along x, and up along z."""
+        """Add the tool's geoms to a body with its origin at the tip, the front along x, and up along z."""
 
     @abstractmethod
     def add_objects(self, root: mjcf.RootElement) -> None:
-        """Add what stands on the table, and its joints."""
+        """Add the objects on the table and their joints."""
 
     @abstractmethod
     def draw_objects(self, rng: np.random.Generator, n: int, vary: bool) -> Contexts:
-        """Draw where things stand."""
+        """Draw the positions of the objects."""
 
     @abstractmethod
     def objects(self, contexts: Contexts) -> np.ndarray:
@@ -86,7 +86,7 @@ class Household(Task):
 
     @abstractmethod
     def waypoints(self, contexts: Contexts) -> list[tuple[float, np.ndarray]]:
-        """How a person does it: shares of the episode, and the tool's poses (n, 5) there, without the start's."""
+        """Waypoints of a person's motion after the start: fraction of the episode, and pose of the tool (n, 5)."""
 
     def build(self) -> mjcf.RootElement:
         root = make_scene(self.name)
@@ -110,12 +110,12 @@ class Household(Task):
 
     @cached_property
     def driven(self) -> int:
-        """How many joints are the arm's or the hand's: those of the objects come behind them."""
+        """Number of joints of the arm or the hand. The objects' joints come after them."""
         return int(self.model.nu)
 
     @cached_property
     def initial(self) -> np.ndarray:
-        """Joint positions of arm or hand with the tool at the start."""
+        """Joint positions of the arm or hand with the tool in its initial pose."""
         start = np.asarray(self.start)
         return start if self._driver == "hand" else self.postures(start[None])[0]
 
@@ -124,7 +124,7 @@ class Household(Task):
         contexts = draw_camera(rng, n, distribution, vary, *self.filmed_from[1:3])
         low, high = distribution.azimuth
         middle, half = (low + high) / 2, max((high - low) / 2, 1e-9)
-        aside = (contexts["azimuth"] - middle) / half * min(half, SIDEWAYS)  # A wall is behind the robot.
+        aside = (contexts["azimuth"] - middle) / half * min(half, SIDEWAYS)  # There is a wall behind the robot.
         contexts["azimuth"] = self.filmed_from[0] + (aside if "azimuth" in vary else np.zeros(n))
         if "colour" in vary:
             colours, kinds = draw_colours(rng, n, *self.keep_clear()), rng.integers(len(TABLES), size=n)
@@ -135,7 +135,7 @@ class Household(Task):
         return contexts | objects | {"table_rgb": colours, "table_texture": kinds, "arm_noise": noise}
 
     def keep_clear(self) -> tuple[np.ndarray, ...]:
-        """Colours (3,) that the table does not take."""
+        """Colors (3,) that the table must differ from."""
         return ()
 
     def model_fields(self, contexts: Contexts) -> dict[str, np.ndarray]:
@@ -147,7 +147,7 @@ class Household(Task):
         return self.place(fields, contexts).done() | {"geom_matid": materials}
 
     def place(self, fields: ModelFields, contexts: Contexts) -> ModelFields:
-        """Put what contexts place and no joint moves."""
+        """Place the fixed objects whose positions depend on the context."""
         return fields
 
     def context_state(self, contexts: Contexts) -> tuple[np.ndarray, np.ndarray]:
@@ -174,22 +174,22 @@ class Household(Task):
         )
 
     def expert_reward(self, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
-        """Little is left of the error, and little effort is made."""
+        """Reward (n,): negative squared goal error, minus a small penalty on effort."""
         error = np.square(self.goal_error(state, contexts)).sum(axis=1)
         return -error - 0.01 * np.square(action).sum(axis=1)
 
     def tip(self, state: State) -> np.ndarray:
-        """Where the tool's tip is (n, 3), metres."""
+        """Position of the tool's tip (n, 3), meters."""
         return state.site_xpos[:, self.model.site("tip").id]
 
     def front(self, state: State) -> np.ndarray:
-        """Where a point 10 cm before the tip is (n, 3), metres."""
+        """Position of a point 10 cm in front of the tip (n, 3), meters."""
         return state.site_xpos[:, self.model.site("front").id]
 
     def path(self, contexts: Contexts, rng: np.random.Generator | None = None) -> np.ndarray:
-        """The tool's poses (K + 1, n, 5) at every control step as a person moves it; with `rng`, not quite steadily.
+        """The tool's poses (K + 1, n, 5) at every control step of a person's motion; `rng` adds natural variation.
 
-        Between waypoints the hand's jerk is least, as that of people is (Flash and Hogan, 1985).
+        Between waypoints the hand follows a minimum-jerk trajectory, like a human hand (Flash and Hogan, 1985).
         """
         n = len(contexts["table_rgb"])
         way = [(0.0, np.tile(self.start, (n, 1))), *self.waypoints(contexts)]
@@ -213,19 +213,19 @@ class Household(Task):
         return self.demonstrated(self.path(contexts, rng)[1:])
 
     def demonstrated(self, poses: np.ndarray) -> np.ndarray:
-        """The actions (..., 5) by which a hand brings the tool to `poses`."""
+        """The actions (..., 5) with which a hand moves the tool to `poses`."""
         return poses / HAND_REACH
 
     def kinesthetic(self, contexts: Contexts) -> np.ndarray:
         poses = self.path(contexts)[: self.control_steps : self.frame_every]
         if len(poses[0]) != 1:
-            raise ValueError("one demonstration is recorded in one context")
+            raise ValueError("a kinesthetic demonstration needs exactly one context")
         qpos = np.zeros((len(poses), self.model.nq))
         qpos[:, : self.driven] = self.postures(poses[:, 0])
         return qpos
 
     def postures(self, poses: np.ndarray) -> np.ndarray:
-        """The arm's joint positions (T, 7), radians, that bring the tool to one pose (T, 5) after the other."""
+        """The arm's joint positions (T, 7), radians, for a sequence of tool poses (T, 5), by inverse kinematics."""
         from dm_control.utils.inverse_kinematics import qpos_from_site_pose
 
         physics = mjcf.Physics.from_mjcf_model(self.build())
@@ -236,12 +236,12 @@ class Household(Task):
                 physics, "tip", pose[:3], self._turned(*pose[3:]), joint_names=JOINTS, tol=1e-6, inplace=True
             )
             if not found.success:
-                raise ValueError(f"the arm cannot bring the tool to {pose}")
+                raise ValueError(f"the arm cannot move the tool to {pose}")
             postures.append(physics.data.qpos[: len(HOME)].copy())
         return np.stack(postures)
 
     def _turned(self, yaw: float, tilt: float) -> np.ndarray:
-        """The unit quaternion, scalar first, of a tool with this yaw and tilt."""
+        """Unit quaternion, scalar first, of a tool with this yaw and tilt."""
         from scipy.spatial.transform import Rotation
 
         turned = Rotation.from_euler("z", yaw) * Rotation.from_rotvec(tilt * np.asarray(self.tilts, float))
@@ -249,7 +249,7 @@ class Household(Task):
 
 
 def _add_textures(root: mjcf.RootElement) -> None:
-    """Add the tables' materials; a context's colour tints them."""
+    """Add the tables' materials, which a context's color tints."""
     light, dark = (1, 1, 1), (0.7, 0.7, 0.7)
     for name, kind, repeat in (
         ("plain", "flat", (1, 1)),
@@ -264,7 +264,7 @@ def _add_textures(root: mjcf.RootElement) -> None:
 
 
 def _add_hand(root: mjcf.RootElement, tilts: tuple[int, int, int]) -> mjcf.Element:
-    """Add what a person moves a tool by: its five joints, each of which goes where an action asks; returns the body."""
+    """Add a person's hand: five position-controlled joints. Return the tool's body."""
     body = root.worldbody.add("body", name="tool", gravcomp=1)
     joints: tuple[tuple[str, str, tuple[int, int, int]], ...] = (
         ("x", "slide", (1, 0, 0)),
@@ -290,12 +290,12 @@ def _add_hand(root: mjcf.RootElement, tilts: tuple[int, int, int]) -> mjcf.Eleme
 
 
 def plate(body: mjcf.Element, name: str, at: tuple[float, float], half: tuple[float, float], turned: float) -> None:
-    """Add an upright plate to a tool, 8 cm high; what collides is thicker to the back, lest pieces slip through it.
+    """Add an upright plate, 8 cm high, to a tool. Its collider extends to the back, so that pieces cannot slip through.
 
     Args:
-        at: Its centre before and beside the tip, metres.
-        half: Half of its thickness and of its width, metres.
-        turned: By how much it is turned about the upright axis, radians.
+        at: Position of its center relative to the tip, forward and sideways, meters.
+        half: Half thickness and half width, meters.
+        turned: Rotation about the vertical axis, radians.
     """
     placed: dict[str, Any] = {"type": "box", "euler": (0, 0, turned)}
     body.add("geom", name=name, size=(*half, 0.04), pos=(*at, 0.04), rgba=YELLOW, mass=0.05, **placed, **NOTHING)
@@ -318,11 +318,11 @@ def add_piece(
     """Add a piece that slides on the table: joints `NAME_x` and `NAME_y`.
 
     Args:
-        radius, height: As it is drawn, metres. What collides is a capsule, 5 cm high at least: no piece slips under a
-            tool that is held a little above the table.
+        radius, height: Rendered size, meters. The collider is a capsule at least 5 cm high, so that no piece slips
+            under a tool that is held slightly above the table.
         mass: Kilograms.
         damping: Friction with the table, N s/m.
-        shape: How it is drawn: `sphere` or `cylinder`.
+        shape: Rendered shape: `sphere` or `cylinder`.
     """
     body = root.worldbody.add("body", name=name, pos=(0, 0, 0))
     for axis, direction in (("x", (1, 0, 0)), ("y", (0, 1, 0))):

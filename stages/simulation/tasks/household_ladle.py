@@ -1,7 +1,8 @@
-"""ladle-almonds: carry almonds in a ladle to a pan, and turn the wrist above it (Sec. VI.D.3).
+"""ladle-almonds: carry almonds in a ladle to a pan and pour them by turning the wrist (Sec. VI.D.3).
 
-The one household task in which things fall: almonds lie in the ladle by friction and gravity, and what leaves it too
-early lies on the table for good. The pan is a body that nothing moves: so each context has its own place for it.
+This is the only household task with gravity: friction and gravity hold the almonds in the ladle, and almonds that leave
+it too early stay on the table. The pan is a body with joints that nothing moves, so that its position is part of the
+initial state of each context.
 """
 
 from __future__ import annotations
@@ -18,20 +19,20 @@ from stages.simulation.task import State
 from stages.simulation.tasks.household import Household
 from stages.simulation.tasks.scene import NOTHING
 
-ALMONDS, ALMOND_RADIUS, ALMOND_MASS = 15, 0.009, 0.0012  # metres, kilograms
-BOWL_RADIUS, BOWL_DEPTH, SIDES = 0.036, 0.03, 10  # of the ladle, metres, and how many plates its wall is made of
-FLARE = np.radians(40)  # how far its wall leans outwards
+ALMONDS, ALMOND_RADIUS, ALMOND_MASS = 15, 0.009, 0.0012  # meters, kilograms
+BOWL_RADIUS, BOWL_DEPTH, SIDES = 0.036, 0.03, 10  # of the ladle, meters, and the number of plates in its wall
+FLARE = np.radians(40)  # outward tilt of its wall
 PAN_RADIUS, PAN_DEPTH, PAN_SIDES = 0.085, 0.035, 14
-WALL = 0.004  # half of a wall's thickness, metres
-LADLE_ROD = 0.6  # metres: longer than other tools', or the arm would be in the picture
-LIFT = 0.18  # metres above the table that the ladle is carried
-POUR = np.radians(100)  # how far the wrist turns; from 85 on all almonds fall
-SETTLES = 1.0  # seconds in which almonds that are dropped into the ladle come to rest
+WALL = 0.004  # half of a wall's thickness, meters
+LADLE_ROD = 0.6  # meters: longer than for other tools, to keep the arm out of the image
+LIFT = 0.18  # height at which the ladle is carried, meters above the table
+POUR = np.radians(100)  # rotation of the wrist; from 85 degrees on, all almonds fall
+SETTLES = 1.0  # seconds until almonds dropped into the ladle come to rest
 
-PAN_PLACES = (np.array([0.0, -0.12]), np.array([0.12, 0.12]))  # corners, metres
+PAN_PLACES = (np.array([0.0, -0.12]), np.array([0.12, 0.12]))  # corners of the range of positions, meters
 CANONICAL_PAN = np.array([0.06, 0.0])
-LINING = 0.0005  # half of what is drawn inside the bowl, metres
-# White inside and blue outside: else a bowl turned over and one turned away, both seen on edge, look the same.
+LINING = 0.0005  # half thickness of the drawn lining of the bowl, meters
+# White inside and blue outside: otherwise a bowl tilted toward the camera looks like one tilted away from it.
 STEEL, BLUE, IRON, BROWN = (
     np.array([0.85, 0.87, 0.9]),
     np.array([0.1, 0.2, 0.6]),
@@ -42,7 +43,7 @@ TOUCHING = {"contype": 4, "conaffinity": 4, "condim": 3, "friction": (0.5, 0.005
 
 
 class LadleAlmonds(Household):
-    """Ladle-almonds. Context: azimuth, table, where the pan stands, the arm's small noise at the start.
+    """Ladle-almonds. Context: azimuth, table, position of the pan, small noise on the arm's initial pose.
 
     The distance is the fraction of the almonds that are not in the pan.
     """
@@ -54,9 +55,9 @@ class LadleAlmonds(Household):
     held = (0, 1, 0, 1)
     rod = (-LADLE_ROD, 0, 0)
     tilts = (1, 0, 0)
-    home = np.array([0.0, -0.6, 0.0, 1.4, 0.0, -0.8, 0.1745])  # the hand points ahead
-    # Near and from above, for to a camera far off a ladle that is lower and farther back looks the same; and from where
-    # one sees which way it turns, for from the other side a ladle that is turned the wrong way looks nearly the same.
+    home = np.array([0.0, -0.6, 0.0, 1.4, 0.0, -0.8, 0.1745])  # radians: the hand points ahead
+    # Close and from above, because a distant camera confuses a lower ladle with one farther back; and from the side
+    # that shows the pouring direction, because from the other side a ladle turned the wrong way looks nearly the same.
     filmed_from = (110.0, -55.0, 0.9, 42.0)
     substeps = 20
 
@@ -68,7 +69,7 @@ class LadleAlmonds(Household):
         return root
 
     def add_tool(self, body: mjcf.Element) -> None:
-        # The tip is the middle of the bowl's floor.
+        # The tip is the center of the bowl's floor.
         _add_dish(body, "bowl", BOWL_RADIUS, BOWL_DEPTH, SIDES, BLUE, FLARE, STEEL)
 
     def add_objects(self, root: mjcf.RootElement) -> None:
@@ -92,14 +93,14 @@ class LadleAlmonds(Household):
 
     @cached_property
     def pile(self) -> np.ndarray:
-        """Where the almonds lie in the ladle (15, 3), metres from its tip: dropped into it and come to rest."""
+        """Positions of the almonds at rest in the ladle (15, 3), meters from its tip, after being dropped into it."""
         import mujoco
 
         model = type(self)("hand").model if self._driver == "arm" else self.model
         data = mujoco.MjData(model)
         data.qpos[: len(self.start)] = self.start
         k = np.arange(ALMONDS)
-        # In layers of five, each turned against the one below.
+        # Layers of five, each rotated relative to the layer below.
         angle, far = 2 * np.pi * k / 5 + 0.6 * (k // 5), 0.6 * (BOWL_RADIUS - ALMOND_RADIUS)
         height = ALMOND_RADIUS + 0.003 + 2.2 * ALMOND_RADIUS * (k // 5)
         drop = np.stack([far * np.cos(angle), far * np.sin(angle), height], axis=1)
@@ -115,7 +116,7 @@ class LadleAlmonds(Household):
         return np.concatenate([contexts["pan"], almonds], axis=1)
 
     def context_state(self, contexts: Contexts) -> tuple[np.ndarray, np.ndarray]:
-        """As of every task; the almonds lie in the ladle, wherever the arm's noise has brought it."""
+        """Initial state in each context. The almonds are placed in the ladle, whose pose includes the arm's noise."""
         import mujoco
 
         qpos, qvel = super().context_state(contexts)
@@ -134,27 +135,27 @@ class LadleAlmonds(Household):
             zeros = np.zeros(len(pan))
             return np.stack([pan[:, 0], y, zeros + self.start[2], zeros, zeros + tilt], axis=1)
 
-        # Almonds leave over the side that goes down, half a bowl away.
+        # Almonds leave over the lowered side, half a bowl away.
         beside = pan[:, 1] + BOWL_RADIUS
-        # In less time the arm's last joint could not follow.
+        # The arm's last joint could not follow a faster motion.
         return [(0.35, pose(beside, 0.0)), (0.85, pose(beside, POUR))]
 
     def goal_error(self, state: State, contexts: Contexts) -> np.ndarray:
-        """From the inside of the pan to each almond; from above the pan to the tip, which counts for a quarter."""
+        """Error of each almond from the interior of the pan, and (with weight 1/4) of the tip from above the pan."""
         apart = self._apart(state)
         tip = self.tip(state)
         above = np.pad(self._pan(state), ((0, 0), (0, 1))) + np.array([0.0, BOWL_RADIUS, self.start[2]])
         return np.concatenate([apart.reshape(len(tip), -1) / np.sqrt(ALMONDS), 0.5 * (tip - above)], axis=1)
 
     def distance(self, state: State, contexts: Contexts) -> np.ndarray:
-        """The fraction of the almonds that are not in the pan."""
+        """Fraction (n,) of the almonds that are not in the pan."""
         return (np.linalg.norm(self._apart(state), axis=2) > 1e-6).mean(axis=1)
 
     def _pan(self, state: State) -> np.ndarray:
         return state.qpos[:, self.driven : self.driven + 2]
 
     def _apart(self, state: State) -> np.ndarray:
-        """From the nearest point inside the pan to each almond (n, 15, 3), metres."""
+        """Offset (n, 15, 3) of each almond from the nearest point inside the pan, meters."""
         almonds = state.qpos[:, self.driven + 2 :].reshape(-1, ALMONDS, 3)
         aside = almonds[:, :, :2] - self._pan(state)[:, None]
         far = np.linalg.norm(aside, axis=2, keepdims=True)
@@ -173,13 +174,14 @@ def _add_dish(
     flare: float = 0.0,
     lining: np.ndarray | None = None,
 ) -> None:
-    """Add a round dish to a body whose origin is the middle of its floor, of a floor and a wall of plates.
+    """Add a round dish with a floor and a wall of plates to a body whose origin is the center of the dish's floor.
 
     Args:
-        radius, depth: Of the inside, metres; the radius where the wall stands on the floor.
-        sides: How many plates the wall is made of.
-        flare: How far they lean outwards, radians.
-        lining: Another colour inside.
+        radius, depth: Interior radius at the floor, and interior depth, meters.
+        sides: Number of plates in the wall.
+        rgb: Color of the dish.
+        flare: Outward tilt of the plates, radians.
+        lining: Color of the interior if it differs.
     """
     look = {"rgba": (*rgb, 1), "mass": 0.01, **TOUCHING}
     floor = {"type": "cylinder", "size": (radius + 2 * WALL, WALL), "pos": (0, 0, WALL)}
@@ -189,7 +191,7 @@ def _add_dish(
         drawn = {"type": "cylinder", "size": (radius, LINING), "pos": (0, 0, 2 * WALL + LINING)}
         body.add("geom", name=f"{name}_lining", **drawn, **seen)
     length = depth / np.cos(flare)
-    width = (radius + 2 * WALL + depth * np.tan(flare)) * np.tan(np.pi / sides)  # they meet at the rim
+    width = (radius + 2 * WALL + depth * np.tan(flare)) * np.tan(np.pi / sides)  # the plates meet at the rim
     away = radius + WALL + depth * np.tan(flare) / 2
     for k in range(sides):
         angle = 2 * np.pi * k / sides

@@ -1,4 +1,4 @@
-"""push-real: push a can onto a coaster with a fork on a rod, as a person showed it (Sec. VI.D.1)."""
+"""push-real: push a can onto a coaster with a fork on a rod, as demonstrated by a person (Sec. VI.D.1)."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from stages.simulation.tasks.fields import ModelFields
 from stages.simulation.tasks.household import YELLOW, Household, add_piece, plate
 from stages.simulation.tasks.scene import NOTHING
 
-CAN_RADIUS, CAN_HEIGHT = 0.04, 0.1  # metres
+CAN_RADIUS, CAN_HEIGHT = 0.04, 0.1  # meters
 CAN_MASS, CAN_DAMPING = 0.2, 5.0  # kilograms, N s/m
 COASTER_RADIUS = 0.06
-FORK_ANGLE, FORK_LENGTH = np.radians(55), 0.07  # of each of its two sides
-TIP_TO_CAN = 0.057  # metres from the tool's tip to the centre of a can in the fork
-APPROACH = 0.06  # farther back, before the fork touches the can
+FORK_ANGLE, FORK_LENGTH = np.radians(55), 0.07  # of each side
+TIP_TO_CAN = 0.057  # from the tool's tip to the center of a can in the fork, meters
+APPROACH = 0.06  # additional distance before the fork touches the can, meters
 
-CAN = (np.array([-0.13, -0.1]), np.array([0.0, 0.1]))  # corners of where it starts, metres
+CAN = (np.array([-0.13, -0.1]), np.array([0.0, 0.1]))  # corners of the range of initial positions, meters
 COASTER = (np.array([0.06, -0.2]), np.array([0.2, 0.2]))
-WAY = (0.16, 0.3)  # metres from can to coaster
-WAY_ANGLE = np.radians(45)  # at most, from straight ahead
+WAY = (0.16, 0.3)  # range of the distance from can to coaster, meters
+WAY_ANGLE = np.radians(45)  # maximum deviation from straight ahead
 CANONICAL_CAN, CANONICAL_COASTER = np.array([-0.06, 0.0]), np.array([0.14, 0.05])
 WHITE, RED = np.array([0.95, 0.95, 0.95]), np.array([0.9, 0.1, 0.1])
 
 
 class PushReal(Household):
-    """Push-real. Context: azimuth, table, can and coaster, the arm's small noise at the start.
+    """Push-real. Context: azimuth, table, can and coaster, small noise on the arm's initial pose.
 
-    A run succeeds when a quarter of the distance, some five centimetres, is left at most.
+    A run succeeds if the final distance is below a quarter of the initial distance, about five centimeters.
     """
 
     name = "push-real"
@@ -90,9 +90,9 @@ class PushReal(Household):
         return [(0.35, pose(behind)), (0.85, pose(contexts["goal"] - TIP_TO_CAN * ahead))]
 
     def goal_error(self, state: State, contexts: Contexts) -> np.ndarray:
-        """From the goal to the can; from where the fork has to push to its tip and front, which count for a quarter.
+        """Error of the can from the goal, and (with weight 1/4) of the fork's tip and front from the pushing pose.
 
-        How high the tool is counts in full: above the can, it moves nothing.
+        The height of the tool has full weight: above the can, it moves nothing.
         """
         can, goal = state.qpos[:, self.driven :], contexts["goal"]
         way = goal - can
@@ -103,5 +103,5 @@ class PushReal(Household):
         return np.concatenate([can - goal, 0.5 * apart, tip[:, 2:] - self.start[2]], axis=1)
 
     def distance(self, state: State, contexts: Contexts) -> np.ndarray:
-        """From the can to the coaster, in the table's plane."""
+        """Distance (n,) from the can to the coaster in the table plane, meters."""
         return np.linalg.norm(state.qpos[:, self.driven :] - contexts["goal"], axis=1)

@@ -11,34 +11,34 @@ from stages.simulation.task import State
 from stages.simulation.tasks.household import YELLOW, Household, add_piece, plate
 from stages.simulation.tasks.scene import NOTHING, add_wall
 
-PAN_LOW, PAN_HIGH = np.array([0.1, -0.13]), np.array([0.27, 0.13])  # corners of the pan's inside; open at its low x
-PAN_WALL, PAN_HEIGHT = 0.008, 0.035  # half of a wall's thickness, and its height, metres
-BRUSH = (0.006, 0.055)  # half of its thickness and of its width, metres; a wing is at either side
-WING, WING_ANGLE = 0.02, np.radians(55)  # half of a wing's width, and how far it is turned forward
-BEHIND = 0.07  # metres from the pile's centre to the brush before it sweeps
-INSIDE = 0.06  # metres that the brush goes into the pan
+PAN_LOW, PAN_HIGH = np.array([0.1, -0.13]), np.array([0.27, 0.13])  # interior corners, meters; open at low x
+PAN_WALL, PAN_HEIGHT = 0.008, 0.035  # half of a wall's thickness, and its height, meters
+BRUSH = (0.006, 0.055)  # half thickness and half width, meters; there is a wing on each side
+WING, WING_ANGLE = 0.02, np.radians(55)  # half width of a wing, meters, and its forward rotation
+BEHIND = 0.07  # from the pile's center to the brush before it sweeps, meters
+INSIDE = 0.06  # how far the brush enters the pan, meters
 
-PILE = (np.array([-0.14, -0.1]), np.array([-0.04, 0.1]))  # corners of where a pile's centre lies, metres
+PILE = (np.array([-0.14, -0.1]), np.array([-0.04, 0.1]))  # corners of the range of the pile's center, meters
 CANONICAL_PILE = np.array([-0.09, 0.0])
 PAN = np.array([0.15, 0.35, 0.75])
 
 
 class SweepReal(Household):
-    """What the two tasks share. Context: azimuth, table, where the pile lies and how, the arm's small noise.
+    """Common base of the two tasks. Context: azimuth, table, pile position and rotation, small noise on the arm.
 
-    The distance is the fraction of the pieces that lie outside the pan: a run's mean fraction inside is one minus the
-    normalised distance.
+    The distance is the fraction of the pieces outside the pan: a run's mean fraction inside is one minus the normalized
+    distance.
     """
 
     start = (-0.27, 0.0, 0.025, 0.0, 0.0)
     pieces: int
-    radius: float  # of a piece, metres
-    height: float  # of a piece, metres
+    radius: float  # of a piece, meters
+    height: float  # of a piece, meters
     mass: float  # kilograms
     damping: float  # friction with the table, N s/m
     rgb: np.ndarray
     shape: str
-    spread: float  # radius of the pile, metres
+    spread: float  # radius of the pile, meters
 
     def add_tool(self, body: mjcf.Element) -> None:
         thick, wide = BRUSH
@@ -66,7 +66,7 @@ class SweepReal(Household):
 
     def draw_objects(self, rng: np.random.Generator, n: int, vary: bool) -> Contexts:
         centre = rng.uniform(*PILE, (n, 2)) if vary else np.tile(CANONICAL_PILE, (n, 1))
-        # Sunflower spirals fill a disc evenly; pieces do not begin inside each other.
+        # Sunflower spirals fill a disc evenly, so that pieces do not overlap at the start.
         k = np.arange(self.pieces) + 0.5
         far, angle = self.spread * np.sqrt(k / self.pieces), k * np.pi * (1 + np.sqrt(5))
         turn = rng.uniform(0, 2 * np.pi, (n, 1)) if vary else np.zeros((n, 1))
@@ -94,7 +94,7 @@ class SweepReal(Household):
         ]
 
     def goal_error(self, state: State, contexts: Contexts) -> np.ndarray:
-        """From the inside of the pan to each piece; how high the tool is; from behind the last piece to the tip."""
+        """Errors of the pieces from the interior of the pan, and of the tip from its pushing position and height."""
         pieces = self._pieces(state)
         apart = _apart(pieces, self.radius)
         tip = self.tip(state)
@@ -106,11 +106,11 @@ class SweepReal(Household):
         return np.concatenate([share * apart.reshape(len(tip), -1), 0.5 * behind, tip[:, 2:] - self.start[2]], axis=1)
 
     def distance(self, state: State, contexts: Contexts) -> np.ndarray:
-        """The fraction of the pieces that lie outside the pan."""
+        """Fraction (n,) of the pieces outside the pan."""
         return (np.linalg.norm(_apart(self._pieces(state), self.radius), axis=2) > 1e-6).mean(axis=1)
 
     def _pieces(self, state: State) -> np.ndarray:
-        """Where the pieces are (n, pieces, 2), metres."""
+        """Positions of the pieces (n, pieces, 2), meters."""
         return state.qpos[:, self.driven :].reshape(len(state.qpos), self.pieces, 2)
 
 
@@ -124,7 +124,7 @@ class SweepPaper(SweepReal):
 
 
 class SweepAlmonds(SweepReal):
-    """Sweep-almonds: a pile of eighteen."""
+    """Sweep-almonds: a pile of eighteen almonds."""
 
     name = "sweep-almonds"
     defaults = own_defaults(name)
@@ -133,5 +133,5 @@ class SweepAlmonds(SweepReal):
 
 
 def _apart(points: np.ndarray, radius: float) -> np.ndarray:
-    """From the nearest point inside the pan, where a piece has passed its open side whole, to points (..., 2)."""
+    """Offset (..., 2) of points from the nearest point inside the pan, past its open side by a piece's radius."""
     return points - np.clip(points, PAN_LOW + np.array([radius, 0.0]), PAN_HIGH)

@@ -1,9 +1,8 @@
-"""Push: a planar arm of three torque-driven hinges must push a white cylinder onto a red coaster (Sec. VI).
+"""Push: a planar arm with three torque-driven hinges pushes a white cylinder onto a red coaster (Sec. VI).
 
-The paper gives no drawing of the hand. Here it is a fork, in which the cylinder comes to rest: pushed by a round hand
-without friction, the cylinder would slip off to one side or the other, and a policy that sees no more than its own
-joints could not know to which. Only cylinders and coasters are drawn for which the hand can stand behind the cylinder,
-pointing to the coaster, and follow it there.
+The paper does not show the hand. Here it is a fork that holds the cylinder: a round, frictionless hand would let the
+cylinder slip off to either side, and a policy that observes only its own joints could not tell to which. Positions are
+drawn so that the hand can reach behind the cylinder, point at the coaster, and push the cylinder there.
 """
 
 from __future__ import annotations
@@ -35,15 +34,15 @@ from stages.simulation.tasks.scene import (
     make_scene,
 )
 
-LINK_LENGTH = 0.4  # metres
+LINK_LENGTH = 0.4  # meters
 FORK_LENGTH, FORK_HALF_WIDTH, FORK_RADIUS = 0.12, 0.14, 0.045
 TABLE_HALF_SIZE = 1.3
 CYLINDER_RADIUS = 0.12
 CYLINDER_MASS = 0.3  # kilograms
-CYLINDER_DAMPING = 5.0  # N s/m: it stops within 0.06 s
+CYLINDER_DAMPING = 5.0  # N s/m: the cylinder stops within 0.06 s
 GOAL_RADIUS = 0.15
-HAND_TO_CYLINDER = 0.22  # from the last link's end to the centre of a cylinder in the fork, metres
-APPROACH = 0.12  # farther back, before the fork touches the cylinder
+HAND_TO_CYLINDER = 0.22  # from the end of the last link to the center of a cylinder in the fork, meters
+APPROACH = 0.12  # additional distance before the fork touches the cylinder, meters
 
 ELBOW_RANGE, WRIST_RANGE = (-0.3, 2.6), (-2.0, 2.0)
 PUSHER = Arm((LINK_LENGTH,) * 3, limits=(None, ELBOW_RANGE, WRIST_RANGE))
@@ -52,9 +51,9 @@ INITIAL_NOISE = 0.1  # radians, half-width of the uniform noise on the initial j
 
 CYLINDER_RANGE, CYLINDER_ANGLE = (0.5, 0.9), (-0.3 * np.pi, 0.5 * np.pi)
 GOAL_RANGE, GOAL_ANGLE = (0.45, 1.1), (-0.3 * np.pi, 0.7 * np.pi)
-LEAST_PUSH = 0.45  # metres from cylinder to goal
-START_CLEARANCE = 0.03  # metres at least between the cylinder and the arm at the start
-BASE_CLEARANCE = 0.35  # metres between the cylinder's way and the arm's base
+LEAST_PUSH = 0.45  # minimum distance from cylinder to goal, meters
+START_CLEARANCE = 0.03  # minimum distance between cylinder and arm at the start, meters
+BASE_CLEARANCE = 0.35  # minimum distance between the cylinder's path and the arm's base, meters
 
 WHITE = np.array([1.0, 1.0, 1.0])
 CANONICAL_TABLE = np.array([0.45, 0.4, 0.35])
@@ -64,10 +63,10 @@ CANONICAL_GOAL = np.array([0.45, 0.85])
 
 
 class Push(Task):
-    """Push, with the paper's timing: 0.01 s a physics step, 5 of them a control step, 50 control steps.
+    """Push with the paper's timing: 0.01 s per physics step, 5 physics steps per control step, 50 control steps.
 
-    Context: azimuth, distractors, places of cylinder and goal, initial joint angles; colours on request. The policy
-    sees its joints and the time, as the paper's does, never the cylinder.
+    Context: azimuth, distractors, positions of cylinder and goal, initial joint angles; colors on request. As in the
+    paper, the policy observes its joints and the time, never the cylinder.
     """
 
     name = "push"
@@ -148,7 +147,7 @@ class Push(Task):
         return np.concatenate([*parts, behind - hand], axis=1).astype(np.float32)
 
     def expert_reward(self, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
-        """Bring the hand behind the cylinder, pointing to the goal, and the cylinder onto the goal."""
+        """Reward (n,) for the hand being behind the cylinder, in line with the goal, and the cylinder at the goal."""
         hand, cylinder, goal = state.site_xpos[:, 0, :2], state.qpos[:, 3:], contexts["goal"]
         distance = self.distance(state, contexts)
         away = np.linalg.norm(_behind(cylinder, goal) - hand, axis=1)
@@ -158,23 +157,23 @@ class Push(Task):
         return near - 2.0 * distance - 0.5 * away - 0.01 * effort - 0.02 * near * speed
 
     def goal_error(self, state: State, contexts: Contexts) -> np.ndarray:
-        """From the goal to the cylinder; from where the hand has to push to the hand, which counts for a quarter."""
+        """Error of the cylinder from the goal, and of the hand from its pushing position, with weight one quarter."""
         hand, cylinder, goal = state.site_xpos[:, 0, :2], state.qpos[:, 3:], contexts["goal"]
         return np.concatenate([cylinder - goal, 0.5 * (hand - _behind(cylinder, goal))], axis=1)
 
     def distance(self, state: State, contexts: Contexts) -> np.ndarray:
-        """From the cylinder to the goal, in the table's plane."""
+        """Distance (n,) from the cylinder to the goal in the table plane, meters."""
         return np.linalg.norm(state.qpos[:, 3:] - contexts["goal"], axis=1)
 
 
 def _behind(cylinder: np.ndarray, goal: np.ndarray) -> np.ndarray:
-    """Where the hand (n, 2) stands to push the cylinder (n, 2) to the goal (n, 2)."""
+    """Position (n, 2) of the hand from which it pushes the cylinder (n, 2) to the goal (n, 2)."""
     way = goal - cylinder
     return cylinder - HAND_TO_CYLINDER * way / (np.linalg.norm(way, axis=1, keepdims=True) + 0.05)
 
 
 def _can_point(hand: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Whether the arm can bring its last link's end to `hand` (n, 2), pointing along the unit vector `direction`."""
+    """Whether the end of the last link can reach `hand` (n, 2), pointing along the unit vector `direction`."""
     wrist = hand - LINK_LENGTH * direction
     away = np.linalg.norm(wrist, axis=1)
     elbow = 2 * np.arccos(np.clip(away / (2 * LINK_LENGTH), 0, 1))
@@ -185,7 +184,7 @@ def _can_point(hand: np.ndarray, direction: np.ndarray) -> np.ndarray:
 
 
 def _starting_arm() -> np.ndarray:
-    """Points (m, 2) along the links and fingers, wherever the initial noise may put them."""
+    """Points (m, 2) along the links and fingers for the extremes of the initial noise."""
     corners = np.stack(np.meshgrid(*[(-INITIAL_NOISE, 0.0, INITIAL_NOISE)] * 3), axis=-1).reshape(-1, 3)
     angles = np.cumsum(NOMINAL_QPOS + corners, axis=1)
     directions = LINK_LENGTH * np.stack([np.cos(angles), np.sin(angles)], axis=2)
@@ -200,7 +199,7 @@ def _starting_arm() -> np.ndarray:
 
 
 def _draw_places(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Cylinders and goals (n, 2) such that the one can be pushed to the other."""
+    """Draw positions (n, 2) of cylinders and goals so that each cylinder can be pushed to its goal."""
     from scipy.spatial import cKDTree
 
     def draw(m: int, radii: tuple[float, float], angles: tuple[float, float]) -> np.ndarray:

@@ -1,8 +1,8 @@
-"""Reach: a planar arm of three torque-driven hinges must bring its hand over a red disc (Sec. VI).
+"""Reach: a planar arm with three torque-driven hinges moves its hand over a red disc (Sec. VI).
 
-The paper gives no drawing of the arm. Here its base stands at the middle of the table, and both elbows bend to one
-side only, as a person's do: with elbows free to bend either way an expert's choice would hang on its initial noise,
-and no video of another context could tell which way this one goes.
+The paper does not show the arm. Here its base is at the center of the table, and both elbows bend to one side only,
+like a person's: if they could bend either way, an expert's choice would depend on its initial noise, and a video from
+another context could not predict it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from stages.simulation.task import State, Task
 from stages.simulation.tasks.fields import ModelFields
 from stages.simulation.tasks.scene import Arm, add_distractors, add_goal, add_table, make_scene
 
-LINK_LENGTH = 0.4  # metres
+LINK_LENGTH = 0.4  # meters
 HAND_RADIUS = 0.12
 TABLE_HALF_SIZE = 1.3
 GOAL_RADIUS = 0.14
@@ -34,9 +34,9 @@ INITIAL_NOISE = 0.1  # radians, half-width of the uniform noise on the initial j
 ELBOW_RANGE = (-0.3, 2.6)
 ARM = Arm((LINK_LENGTH,) * 3, limits=(None, ELBOW_RANGE, ELBOW_RANGE))
 
-GOAL_RANGE = (0.5, 1.1)  # metres from the arm's base
-GOAL_ANGLE = (-0.6 * np.pi, 0.9 * np.pi)  # radians from the arm's nominal first link
-GOAL_CLEARANCE = 0.5  # metres at least from the hand's nominal start
+GOAL_RANGE = (0.5, 1.1)  # distance from the arm's base, meters
+GOAL_ANGLE = (-0.6 * np.pi, 0.9 * np.pi)  # relative to the nominal direction of the first link, radians
+GOAL_CLEARANCE = 0.5  # minimum distance from the hand's nominal start, meters
 
 CANONICAL_TABLE = np.array([0.75, 0.72, 0.65])
 CANONICAL_ARM = np.array([0.2, 0.3, 0.6])
@@ -44,7 +44,7 @@ CANONICAL_GOAL = np.array([0.1, -0.9])
 
 
 class Reach(Task):
-    """Reach, with the paper's timing: 0.01 s a physics step, 5 of them a control step, 50 control steps."""
+    """Reach with the paper's timing: 0.01 s per physics step, 5 physics steps per control step, 50 control steps."""
 
     name = "reach"
     defaults = own_defaults(name)
@@ -117,16 +117,16 @@ class Reach(Task):
         return near - distance - 0.01 * effort - 0.02 * near * speed
 
     def goal_error(self, state: State, contexts: Contexts) -> np.ndarray:
-        """From the disc's centre to the hand."""
+        """Error (n, 2) of the hand from the disc's center, meters."""
         return state.site_xpos[:, 0, :2] - contexts["goal"]
 
     def distance(self, state: State, contexts: Contexts) -> np.ndarray:
-        """From the hand to the disc's centre, in the table's plane."""
+        """Distance (n,) from the hand to the disc's center in the table plane, meters."""
         return np.linalg.norm(state.site_xpos[:, 0, :2] - contexts["goal"], axis=1)
 
 
 def _draw_goals(rng: np.random.Generator, n: int) -> np.ndarray:
-    """Goals (n, 2) in the arm's reach, away from where the hand starts."""
+    """Draw goals (n, 2) within the arm's reach and away from the hand's start."""
     start = ARM.hand(NOMINAL_QPOS[None])
 
     def draw(m: int) -> np.ndarray:

@@ -1,7 +1,7 @@
-"""An arm of Sawyer's published kinematics, masses and limits (Rethink Robotics' URDF), drawn as capsules.
+"""An arm with Sawyer's published kinematics, masses and limits (Rethink Robotics' URDF), rendered as capsules.
 
-At the frame sizes that are learned from, meshes would show nothing more. Why not dm_control's Kinova arm: the paper's
-robot has seven joints, and that one six.
+At the frame sizes used for learning, meshes would show no more detail. dm_control's Kinova arm is not used because it
+has six joints, whereas the paper's robot has seven.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ from dm_control import mjcf
 from stages.simulation.tasks.scene import NOTHING
 
 GREY, RED = (0.45, 0.45, 0.48, 1), (0.5, 0.1, 0.1, 1)
-TORQUE = 0.25  # share of the published torque limits that an action of 1 gives
+TORQUE = 0.25  # torque of an action of 1, as a fraction of the published limit
 ARMATURE = 0.1  # kg m^2
-FRICTION = 0.0125  # dry friction over the torque limit: enough to hold a ladle of almonds
-FLANGE = 0.0245  # metres from the last joint to what holds a tool
-HOME = np.array([0.0, -1.18, 0.0, 2.18, 0.0, 0.57, 0.1745])  # radians: the hand points down, its front ahead
+FRICTION = 0.0125  # dry friction as a fraction of the torque limit: enough to hold a ladle of almonds
+FLANGE = 0.0245  # from the last joint to the tool flange, meters
+HOME = np.array([0.0, -1.18, 0.0, 2.18, 0.0, 0.57, 0.1745])  # radians: the hand points down and its front points ahead
 
 
 @dataclass(frozen=True)
 class _Link:
-    """A link, and the joint that turns it about its own z axis.
+    """A link and the joint that rotates it about its own z axis.
 
     Attributes:
-        pos, quat: Where it sits in the link before, metres, and how it is turned.
-        limits: Of the joint, radians.
-        torque: Its limit, newton metres.
-        speed: Its limit, radians a second.
+        pos, quat: Position, meters, and orientation relative to the previous link.
+        limits: Range of the joint, radians.
+        torque: Torque limit, newton meters.
+        speed: Speed limit, radians per second.
         mass: Kilograms.
-        fromto: Its capsule, in its own frame, metres.
-        radius: Of the capsule, metres.
+        fromto: End points of the capsule in the link's frame, meters.
+        radius: Radius of the capsule, meters.
     """
 
     pos: tuple[float, float, float]
@@ -67,10 +67,10 @@ JOINTS = tuple(f"right_j{k}" for k in range(len(LINKS)))
 
 
 def add_sawyer(root: mjcf.RootElement, base: tuple[float, float, float]) -> mjcf.Element:
-    """Add the arm, its foot at `base`, metres; returns the body of what holds a tool: its z axis points away.
+    """Add the arm with its foot at `base`, meters; return the body of the tool flange, whose z axis points away.
 
-    Gravity does not pull at it, as the robot's own controller has it. Damping is such that an action of 1 brings a
-    joint to 95% of its published speed: dry friction takes the rest.
+    Gravity is compensated, as by the robot's own controller. With the chosen damping, an action of 1 drives a joint at
+    95% of its published speed limit; dry friction accounts for the rest.
     """
     parent = root.worldbody.add("body", name="base", pos=base, gravcomp=1)
     parent.add(

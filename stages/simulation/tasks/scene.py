@@ -1,8 +1,8 @@
-"""What the simulated scenes share: quality, light, camera, table, arms, objects that slide on the table, and walls.
+"""Common parts of the simulated scenes: quality, light, camera, table, arms, sliding objects and walls.
 
-Everything moves in the plane of the table, and all that moves collides as spheres and capsules whose axes lie at one
-height: contacts are then exact, cheap and stable at the paper's timestep, and frictionless as in the paper's set-up.
-Friction with the table is damping of an object's own two joints.
+All motion is in the table plane. Moving bodies collide as spheres and capsules whose axes are at the same height, so
+that contacts are exact, cheap and stable at the paper's timestep, and frictionless as in the paper. Friction with the
+table is modeled as damping of an object's two joints.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from dm_control import mjcf
 
 from stages.simulation.contexts import N_DISTRACTORS
 
-TABLE_THICKNESS = 0.05  # half of it, metres
-HEIGHT = 0.14  # of all colliders' centres above the table, metres
-RIM_HEIGHT = 0.04  # of the table's rim as it is drawn, metres
-HIDDEN_GROUP = 4  # geoms of this group collide but are not drawn
+TABLE_THICKNESS = 0.05  # half thickness, meters
+HEIGHT = 0.14  # height of all colliders' centers above the table, meters
+RIM_HEIGHT = 0.04  # rendered height of the table's rim, meters
+HIDDEN_GROUP = 4  # geoms in this group collide but are not rendered
 
-# Who collides with whom: arms with objects, objects with each other and with walls; arms with nothing else.
+# Collisions: arms with objects only, objects with each other and with walls.
 NOTHING = {"contype": 0, "conaffinity": 0}
-# Harder than MuJoCo's default, so that a ball between arm and wall sinks less into either.
+# Harder than MuJoCo's default, so that a ball squeezed between arm and wall penetrates them less.
 HARD = {"condim": 1, "solimp": (0.95, 0.99, 0.001)}
 ARM = {"contype": 1, "conaffinity": 0, **HARD}
 OBJECT = {"contype": 2, "conaffinity": 3, **HARD}
@@ -31,15 +31,15 @@ WALL = {"contype": 2, "conaffinity": 0, **HARD}
 
 @dataclass(frozen=True)
 class Arm:
-    """A planar arm of torque-driven hinges.
+    """A planar arm with torque-driven hinges.
 
     Attributes:
-        lengths: Of its links, metres.
-        base: Where it stands on the table (2,), metres.
-        limits: Range of each hinge, radians; None: unlimited.
-        radius: Of the links, metres.
-        mass: Of a link, kilograms.
-        torque: At an action of 1, newton metres.
+        lengths: Lengths of the links, meters.
+        base: Position of the base on the table (2,), meters.
+        limits: Range of each hinge, radians; None for an unlimited hinge.
+        radius: Radius of the links, meters.
+        mass: Mass of each link, kilograms.
+        torque: Torque for an action of 1, newton meters.
     """
 
     lengths: tuple[float, ...]
@@ -50,7 +50,7 @@ class Arm:
     torque: float = 3.0
 
     def build(self, root: mjcf.RootElement, **geom: object) -> mjcf.Element:
-        """Add the arm with its joints `hinge_K`, geoms `link_K` and motors; returns the last link's body."""
+        """Add the arm with its joints `hinge_K`, geoms `link_K` and motors; return the last link's body."""
         parent = root.worldbody
         ends = (0.0, *self.lengths[:-1])
         for k, (start, length) in enumerate(zip(ends, self.lengths, strict=True)):
@@ -76,7 +76,7 @@ class Arm:
         return parent
 
     def hand(self, qpos: np.ndarray) -> np.ndarray:
-        """Forward kinematics: the last link's end (n, 2), metres, at joint angles (n, links)."""
+        """Forward kinematics: position of the last link's end (n, 2), meters, for joint angles (n, links)."""
         angles = np.cumsum(qpos, axis=1)
         lengths = np.asarray(self.lengths)
         ends = np.stack([(lengths * np.cos(angles)).sum(axis=1), (lengths * np.sin(angles)).sum(axis=1)], axis=1)
@@ -84,14 +84,14 @@ class Arm:
 
 
 def make_scene(name: str, timestep: float = 0.01) -> mjcf.RootElement:
-    """An empty scene: the context's camera, one light from above, and the quality that learning needs.
+    """Create an empty scene with the context's camera, one light from above, and rendering quality for learning.
 
-    At 48x48 shadows, multisampling and fine meshes would cost most of the time and show nothing: the light casts
-    shadows only where a viewer restores MuJoCo's default quality.
+    At 48x48, shadows, multisampling and fine meshes would take most of the time without being visible. The light casts
+    shadows only if a viewer restores MuJoCo's default quality.
 
     Args:
-        name: The model's name.
-        timestep: Seconds a physics step.
+        name: Name of the model.
+        timestep: Seconds per physics step.
     """
     root = mjcf.RootElement(model=name)
     root.compiler.angle = "radian"
@@ -107,20 +107,20 @@ def make_scene(name: str, timestep: float = 0.01) -> mjcf.RootElement:
 
 
 def add_table(root: mjcf.RootElement, half_size: float, **geom: object) -> mjcf.Element:
-    """Add a square table whose top is the plane z = 0; returns its geom."""
+    """Add a square table whose top is the plane z = 0; return its geom."""
     size = (half_size, half_size, TABLE_THICKNESS)
     return root.worldbody.add("geom", name="table", type="box", size=size, pos=(0, 0, -TABLE_THICKNESS), **geom)
 
 
 def add_distractors(root: mjcf.RootElement, radius: float, **geom: object) -> None:
-    """Add flat discs `distractor_K`. Each lies a little higher than the one before, so that two do not flicker."""
+    """Add flat discs `distractor_K`, each slightly higher than the previous one to avoid z-fighting."""
     for k in range(N_DISTRACTORS):
         at = (0, 0, 0.006 + 0.004 * k)
         root.worldbody.add("geom", name=f"distractor_{k}", type="cylinder", size=(radius, 0.004), pos=at, **geom)
 
 
 def add_goal(root: mjcf.RootElement, radius: float, **geom: object) -> None:
-    """Add the red disc `goal`."""
+    """Add a red disc named `goal`."""
     root.worldbody.add(
         "geom", name="goal", type="cylinder", size=(radius, 0.01), pos=(0, 0, 0.03), rgba=(1, 0, 0, 1), **geom
     )
@@ -129,13 +129,13 @@ def add_goal(root: mjcf.RootElement, radius: float, **geom: object) -> None:
 def add_object(
     root: mjcf.RootElement, name: str, radius: float, mass: float, damping: float, rgba: Sequence[float], shape: str
 ) -> None:
-    """Add an object that slides on the table: joints `NAME_x` and `NAME_y`, site NAME.
+    """Add an object that slides on the table, with joints `NAME_x` and `NAME_y` and a site NAME.
 
     Args:
-        radius: Of the object, metres.
+        radius: Radius of the object, meters.
         mass: Kilograms.
-        damping: Friction with the table, N s/m: pushed and left alone it stops within some `mass / damping` seconds.
-        shape: How it is drawn: `sphere` or `cylinder`.
+        damping: Friction with the table, N s/m. After a push the object stops within about `mass / damping` seconds.
+        shape: Rendered shape: `sphere` or `cylinder`.
     """
     body = root.worldbody.add("body", name=name, pos=(0, 0, HEIGHT))
     for axis, direction in (("x", (1, 0, 0)), ("y", (0, 1, 0))):
@@ -154,7 +154,7 @@ def add_wall(
     height: float,
     rgba: Sequence[float],
 ) -> None:
-    """Add a wall that objects cannot pass: drawn `height` metres high, colliding at the colliders' height."""
+    """Add a wall that objects cannot pass: rendered `height` meters high, colliding at the colliders' height."""
     world = root.worldbody
     world.add(
         "geom",
@@ -177,8 +177,8 @@ def add_wall(
 
 
 def add_rim(root: mjcf.RootElement, half_size: float, rgba: Sequence[float]) -> None:
-    """Add walls around a square table of `half_size` metres; their inner sides are flush with its edge."""
-    thick = 0.1  # half of it: thicker than what the fastest object covers in a physics step
+    """Add walls around a square table of `half_size` meters. Their inner sides are flush with its edge."""
+    thick = 0.1  # half thickness: larger than the distance of the fastest object in one physics step
     for axis, sign, name in ((0, -1, "west"), (0, 1, "east"), (1, -1, "south"), (1, 1, "north")):
         centre, size = [0.0, 0.0], [half_size + 2 * thick] * 2
         centre[axis], size[axis] = sign * (half_size + thick), thick

@@ -1,8 +1,9 @@
-"""Strike: a planar arm of four torque-driven hinges must strike a white ball toward a red target (Sec. VI).
+"""Strike: a planar arm with four torque-driven hinges strikes a white ball toward a red target (Sec. VI).
 
-The paper's text says 4 degrees of freedom and 48x48 frames (its release has 7 motors and 64x64): the text is followed.
-All targets lie beyond the arm's reach, so that the ball has to be struck; a flat mallet makes where it goes depend on
-the mallet's direction more than on where it is hit. The ball slides to rest well before the episode ends.
+The paper's text specifies 4 degrees of freedom and 48x48 frames, its code release 7 motors and 64x64. This task follows
+the text. All targets are out of the arm's reach, so that the ball has to be struck. With the flat mallet, the ball's
+direction depends more on the mallet's direction than on the point of impact. The ball stops well before the episode
+ends.
 """
 
 from __future__ import annotations
@@ -17,12 +18,12 @@ from stages.simulation.tasks.fields import ModelFields
 from stages.simulation.tasks.scene import ARM, NOTHING, Arm, add_goal, add_object, add_rim, add_table, make_scene
 
 TABLE_HALF_SIZE = 0.95
-LINK_LENGTH = 0.2  # metres
+LINK_LENGTH = 0.2  # meters
 MALLET_HALF_WIDTH, MALLET_RADIUS = 0.1, 0.04
 BALL_RADIUS = 0.07
 BALL_MASS = 0.1  # kilograms
 BALL_DAMPING = 0.25  # N s/m
-BALL_RUN = BALL_MASS / BALL_DAMPING  # seconds: a ball of velocity v comes to rest v * BALL_RUN farther on
+BALL_RUN = BALL_MASS / BALL_DAMPING  # seconds: a ball with velocity v stops after v * BALL_RUN meters
 GOAL_RADIUS = 0.1
 CAMERA_DISTANCE = 2.5
 
@@ -36,7 +37,7 @@ STRIKER = Arm(
 NOMINAL_QPOS = np.array([-1.6, 1.6, 1.6, -1.6])  # radians
 INITIAL_NOISE = 0.05  # radians, half-width of the uniform noise on the initial joint angles
 BALL = np.array([0.0, 0.0])
-GOAL_RANGE, GOAL_ANGLE = (0.4, 0.75), (-0.25 * np.pi, 0.25 * np.pi)  # from the ball: metres, radians
+GOAL_RANGE, GOAL_ANGLE = (0.4, 0.75), (-0.25 * np.pi, 0.25 * np.pi)  # relative to the ball: meters, radians
 
 WHITE = np.array([1.0, 1.0, 1.0])
 CANONICAL_TABLE = np.array([0.25, 0.45, 0.3])
@@ -45,9 +46,9 @@ CANONICAL_GOAL = np.array([0.6, 0.0])
 
 
 class Strike(Task):
-    """Strike, with the paper's timing. Context: azimuth, the target's place, initial joint angles.
+    """Strike with the paper's timing. Context: azimuth, target position, initial joint angles.
 
-    The policy sees the full state: joints, ball, and the time. The paper weights its reward by a quadratic ramp.
+    The policy observes the full state: joints, ball and time. The paper weights its reward by a quadratic ramp.
     """
 
     name = "strike"
@@ -117,7 +118,7 @@ class Strike(Task):
         return np.concatenate([self.observe(state), hand, ball - hand, goal, goal - rest], axis=1).astype(np.float32)
 
     def expert_reward(self, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
-        """Send the ball to where it will come to rest on the target, and then rest."""
+        """Reward (n,) for a ball that will stop at the target, and for an arm that then rests."""
         miss = np.linalg.norm(_rest(state) - contexts["goal"], axis=1)
         near = np.exp(-np.square(miss / 0.1))
         effort = np.square(action).sum(axis=1)
@@ -126,15 +127,15 @@ class Strike(Task):
         return near - 2.0 * miss - 0.1 * np.minimum(hand_to_ball, 0.3) - 0.01 * effort - 0.02 * near * speed
 
     def goal_error(self, state: State, contexts: Contexts) -> np.ndarray:
-        """From the target to where the ball will come to rest; from the ball to the hand, which counts little."""
+        """Error of the ball's stopping position from the target, and of the hand from the ball, with a small weight."""
         to_hand = state.site_xpos[:, 0, :2] - state.qpos[:, 4:]
         return np.concatenate([_rest(state) - contexts["goal"], 0.1 * to_hand], axis=1)
 
     def distance(self, state: State, contexts: Contexts) -> np.ndarray:
-        """From the ball to the target's centre, in the table's plane."""
+        """Distance (n,) from the ball to the target's center in the table plane, meters."""
         return np.linalg.norm(state.qpos[:, 4:] - contexts["goal"], axis=1)
 
 
 def _rest(state: State) -> np.ndarray:
-    """Where the ball (n, 2) would come to rest if nothing were in its way, metres."""
+    """Position (n, 2) where the ball would stop without obstacles, meters."""
     return state.qpos[:, 4:] + BALL_RUN * state.qvel[:, 4:]

@@ -1,7 +1,7 @@
-"""Sweep: a planar arm with long links must sweep five grey balls into a dustpan (Sec. VI).
+"""Sweep: a planar arm with long links sweeps five gray balls into a dustpan (Sec. VI).
 
-The last link is the broom: the arm starts behind the balls, and pulls it across the table to the pan. Balls slide in
-the table's plane and stop soon; the pan has three walls that they cannot pass, and so has the table four.
+The last link is the broom: the arm starts behind the balls and pulls the broom across the table to the pan. The balls
+slide in the table plane and stop soon. They cannot pass the three walls of the pan or the four walls of the table.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ TABLE_HALF_SIZE = 1.4
 N_BALLS = 5
 BALL_RADIUS = 0.09
 BALL_MASS = 0.05  # kilograms
-BALL_DAMPING = 0.5  # N s/m: it stops within some 0.1 s
+BALL_DAMPING = 0.5  # N s/m: a ball stops within about 0.1 s
 
 BASE = (-1.05, 0.0)
 SWEEPER = Arm((0.8, 0.8, 0.8), BASE, limits=((-0.6, 2.4), (-2.6, 0.3), (-1.5, 2.0)), radius=0.07, mass=0.3)
 NOMINAL_QPOS = np.array([1.54, -1.79, 0.25])  # radians
 INITIAL_NOISE = 0.05  # radians, half-width of the uniform noise on the initial joint angles
 BALLS = np.array([[-0.12, 0.2], [0.14, 0.2], [0.4, 0.2], [0.0, -0.05], [0.26, -0.05]])
-BALL_NOISE = 0.02  # metres, half-width of the uniform noise on where balls start
+BALL_NOISE = 0.02  # meters, half-width of the uniform noise on the balls' initial positions
 
-PAN_LOW, PAN_HIGH = np.array([0.35, -0.95]), np.array([1.0, -0.4])  # corners of the inside; open at its top
-PAN_WALL = 0.03  # half of a wall's thickness, metres
+PAN_LOW, PAN_HIGH = np.array([0.35, -0.95]), np.array([1.0, -0.4])  # interior corners, meters; open at high y
+PAN_WALL = 0.03  # half of a wall's thickness, meters
 PAN_HEIGHT = 0.12
 
 GREY = np.array([0.72, 0.72, 0.74])
@@ -39,9 +39,9 @@ PAN = np.array([0.85, 0.75, 0.2])
 
 
 class Sweep(Task):
-    """Sweep, with the paper's timing, in frames of 36x64. Context: azimuth, and the small noise of the start.
+    """Sweep with the paper's timing and frames of 36x64. Context: azimuth, and small noise on the initial state.
 
-    The policy sees the full state: joints, balls, and the time. A run succeeds below 0.55 of the initial distance.
+    The policy observes the full state: joints, balls and time. A run succeeds below 0.55 of the initial distance.
     """
 
     name = "sweep"
@@ -109,7 +109,7 @@ class Sweep(Task):
         return np.concatenate([self.observe(state), state.site_xpos[:, 0, :2]], axis=1).astype(np.float32)
 
     def expert_reward(self, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
-        """Bring the balls into the pan, and then rest."""
+        """Reward (n,) for balls in or near the pan, and for an arm that then rests."""
         away = _outside(_balls(state))
         inside = (away < 0.01).mean(axis=1)
         effort = np.square(action).sum(axis=1)
@@ -117,25 +117,25 @@ class Sweep(Task):
         return inside - 2.0 * away.mean(axis=1) - 0.01 * effort - 0.02 * inside * speed
 
     def goal_error(self, state: State, contexts: Contexts) -> np.ndarray:
-        """From the inside of the pan to each ball; zero inside."""
+        """Error of each ball from the interior of the pan; zero inside."""
         return _apart(_balls(state)).reshape(len(state.qpos), -1)
 
     def distance(self, state: State, contexts: Contexts) -> np.ndarray:
-        """Mean over the balls of the distance to the inside of the pan, in the table's plane; zero inside."""
+        """Distance (n,) to the interior of the pan in the table plane, averaged over the balls, meters; zero inside."""
         return _outside(_balls(state)).mean(axis=1)
 
 
 def _balls(state: State) -> np.ndarray:
-    """Where the balls are (n, 5, 2), metres."""
+    """Positions of the balls (n, 5, 2), meters."""
     return state.qpos[:, 3:].reshape(-1, N_BALLS, 2)
 
 
 def _outside(points: np.ndarray) -> np.ndarray:
-    """Distance of points (..., 2) to the inside of the pan: where a ball has passed the pan's open side whole."""
+    """Distance of points (..., 2) to the interior of the pan, where a ball has passed the open side completely."""
     return np.linalg.norm(_apart(points), axis=-1)
 
 
 def _apart(points: np.ndarray) -> np.ndarray:
-    """From the nearest point inside the pan to points (..., 2)."""
+    """Offset (..., 2) of points from the nearest point in the interior of the pan."""
     high = PAN_HIGH - np.array([0.0, BALL_RADIUS])
     return points - np.clip(points, PAN_LOW, high)

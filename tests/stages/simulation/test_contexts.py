@@ -80,7 +80,7 @@ def test_by_default_what_the_paper_varies_varies(task, draw):
 
 def test_a_factor_that_the_task_lacks_is_a_usage_error(task, draw):
     for factor in set(FACTORS) - set(task.factors):
-        with pytest.raises(UsageError, match=f"--vary {factor}: expected factors that {task.name} has"):
+        with pytest.raises(UsageError, match=f"--vary {factor}: expected factors of {task.name}: "):
             draw("paper", vary=factor)
 
 

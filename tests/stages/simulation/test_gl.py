@@ -114,7 +114,7 @@ def test_a_failure_is_never_kept(machine, monkeypatch):
 def test_a_backend_whose_libraries_were_removed_is_probed_again(machine, monkeypatch):
     gl.choose_backend()
     new_process(monkeypatch)
-    monkeypatch.setattr(gl, "missing_library", lambda backend: "PyOpenGL finds no libEGL.so.1")
+    monkeypatch.setattr(gl, "missing_library", lambda backend: "PyOpenGL cannot find libEGL.so.1")
     machine.works = {"osmesa"}
     assert gl.choose_backend() == "osmesa"
 
@@ -187,7 +187,7 @@ def test_the_probe_says_why_not():
 def test_a_probe_that_hangs_is_given_up(monkeypatch):
     monkeypatch.setattr(gl, "_PROBE", "import time; time.sleep(60)")
     monkeypatch.setattr(gl, "PROBE_SECONDS", 0.3)
-    assert gl.probe("egl") == "no picture within 0.3 s"
+    assert gl.probe("egl") == "no image within 0.3 s"
 
 
 def test_triton_is_loaded_before_mesa(machine, monkeypatch, tmp_path):
@@ -231,12 +231,12 @@ def loader(monkeypatch, absent=(), broken=()):
     ("backend", "absent", "reason"),
     [
         ("egl", (), None),
-        ("egl", ("libEGL.so.1",), "PyOpenGL finds no libEGL.so.1"),
+        ("egl", ("libEGL.so.1",), "PyOpenGL cannot find libEGL.so.1"),
         ("egl", ("libOpenGL.so.0",), None),
         ("egl", ("libGL.so.1",), None),
-        ("egl", ("libOpenGL.so.0", "libGL.so.1"), "PyOpenGL finds no libOpenGL.so.0"),
+        ("egl", ("libOpenGL.so.0", "libGL.so.1"), "PyOpenGL cannot find libOpenGL.so.0"),
         ("osmesa", (), None),
-        ("osmesa", ("libOSMesa.so.8",), "PyOpenGL finds no libOSMesa.so.8"),
+        ("osmesa", ("libOSMesa.so.8",), "PyOpenGL cannot find libOSMesa.so.8"),
         ("glfw", tuple(LOADED), None),
     ],
 )
@@ -255,7 +255,13 @@ def test_a_library_that_is_there_but_does_not_load_is_told_apart(monkeypatch):
 @pytest.mark.parametrize(
     ("backend", "absent", "display", "error", "reason"),
     [
-        ("egl", LOADED, "", "AttributeError: 'NoneType' object has no attribute 'glGetError'", "finds no libEGL.so.1"),
+        (
+            "egl",
+            LOADED,
+            "",
+            "AttributeError: 'NoneType' object has no attribute 'glGetError'",
+            "cannot find libEGL.so.1",
+        ),
         ("egl", (), "", "ImportError: Cannot initialize a EGL device display. This likely means", "no driver found"),
         ("glfw", (), "", "mujoco.FatalError: an OpenGL platform library has not been loaded", "DISPLAY is not set"),
         ("glfw", (), ":1", "mujoco.FatalError: gladLoadGL error", "mujoco.FatalError: gladLoadGL error"),

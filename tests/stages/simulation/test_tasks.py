@@ -121,7 +121,7 @@ def test_what_is_no_task_is_a_usage_error(module, attribute, found):
         ("brought_tasks:", "expected MODULE:ATTR"),
         (":Task", "expected MODULE:ATTR"),
         (".brought_tasks:Task", "expected MODULE:ATTR"),
-        ("math:sqrt", "cannot be made"),
+        ("math:sqrt", "cannot be created"),
     ],
 )
 def test_what_cannot_be_imported_is_a_usage_error(module, name, told):
@@ -149,7 +149,7 @@ def test_an_installed_package_gives_its_task_a_name(module, tmp_path):
     assert task.name == "slow"
     with pytest.raises(UsageError, match="is a int, expected"):
         make_task("wrong")
-    with pytest.raises(UsageError, match="cannot be made"):
+    with pytest.raises(UsageError, match="cannot be created"):
         make_task("lost")
     assert set(known_tasks()) >= {"reach", "push-real", "slow", "wrong", "lost"}
     assert permission_needed("slow") == ""
@@ -187,7 +187,7 @@ def test_an_unknown_factor_is_a_usage_error():
 )
 def test_a_factor_that_the_task_lacks_is_a_usage_error(name, factor):
     drawn_from = distribution("paper", f"azimuth,{factor}")
-    with pytest.raises(UsageError, match=f"--vary {factor}: expected factors that {name} has, azimuth, elevation"):
+    with pytest.raises(UsageError, match=f"--vary {factor}: expected factors of {name}: azimuth, elevation"):
         make_task(name).draw_contexts(np.random.default_rng(0), 1, drawn_from)
 
 

@@ -205,7 +205,7 @@ def test_an_episode_starts_near_its_contexts_state(task, draw):
 
 @pytest.mark.parametrize("name", ["dm:reacher", "dm:nowhere-easy", "dm:reacher-impossible", "dm:"])
 def test_unknown_names_are_usage_errors(name):
-    with pytest.raises(UsageError, match=r"expected dm:DOMAIN-TASK, such as .*dm:reacher-easy"):
+    with pytest.raises(UsageError, match=r"expected dm:DOMAIN-TASK, for example .*dm:reacher-easy"):
         make_task(name)
 
 
