@@ -1,4 +1,4 @@
-"""collect-demos: films a demonstrator in random contexts. The videos are all that learning ever sees."""
+"""collect-demos: record a demonstrator in random contexts. The videos are the only input of the later stages."""
 
 from __future__ import annotations
 
@@ -32,24 +32,24 @@ from stages.simulation.task import Task
 
 Film = Callable[[dict[str, np.ndarray], np.ndarray], None]
 
-CHUNK = 256  # demonstrations rolled out and drawn at a time
-FOOTAGE_SCALE = 5  # pixels of an MP4 a pixel of a frame
-TEMPO_KNOTS = 3  # speeds that make a video's tempo
-MAX_ATTEMPTS = 4  # attempts per demonstration: an expert that fails more often than this is given up
-# Attempts before an expert is given up, however few demonstrations are wanted: one that succeeds in a quarter of the
-# contexts fails 64 times in a row with a probability of 1e-8.
+CHUNK = 256  # demonstrations simulated and rendered at a time
+FOOTAGE_SCALE = 5  # MP4 pixels per frame pixel, along each side
+TEMPO_KNOTS = 3  # speeds that define a video's time warping
+MAX_ATTEMPTS = 4  # attempts per demonstration before the stage gives up on an expert
+# Minimum number of attempts before the stage gives up on an expert: one that succeeds in a quarter of the contexts
+# fails 64 times in a row with a probability of 1e-8.
 FEWEST_ATTEMPTS = 64
 
 
 def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: Path | None) -> StageResult:
     """Collect `config.n` demonstrations and write the `demos` artifact, a contact sheet and an MP4.
 
-    Where the task brings nobody who demonstrates it, an expert does; without `expert` the task's is taken from the
-    folder of the output, or trained there first.
+    A task without a scripted demonstrator is demonstrated by an expert. Without `expert`, the task's expert is loaded
+    from the output folder, or trained and saved there first.
 
     Raises:
         ArtifactError: The demonstrator fails too often to yield `config.n` demonstrations.
-        UsageError: An expert is given where the task brings its own demonstrator.
+        UsageError: An expert is given although the task has a scripted demonstrator.
     """
     from stages.runtime.devices import use_threads
     from stages.simulation.gl import choose_backend
@@ -63,26 +63,26 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
     name = file_name(task_name) + name_tags(config, usual, run, 0, DEFAULT_PRESET)
     out = run.out or default_path(Path("runs"), name, "demos")
     drawn_from = distribution(config.contexts, config.vary)
-    task.varied(drawn_from)  # Says what is wrong with it before an expert is trained.
+    task.varied(drawn_from)  # Reports a bad distribution before an expert is trained.
     known = expert or (None if task.demonstrator else _find_expert(task_name, run, out.parent))
     output = Output.of(
         out, "demos", "collect-demos", config, run, [known] if known else [], {"task": task.name, **code_digest(task)}
     )
     if kept := output.kept():
         if config.videos and not Path(config.videos).is_dir():
-            raise UsageError(f"{out} is there, but its footage {config.videos} is not: --overwrite makes both again")
+            raise UsageError(f"{out} exists, but its footage {config.videos} does not: use --overwrite to redo both")
         return kept
     _check_footage(config, out)
     demonstrator = _demonstrator(task, expert, run, out.parent)
     output = output.made_from(demonstrator.parents)
-    with _footage(demonstrator.task, config) as write:  # Its folder appears when the artifact is there.
+    with _footage(demonstrator.task, config) as write:  # The footage folder appears only once the artifact is written.
         return _film(task, demonstrator, config, output, workers, write)
 
 
 def _film(
     task: Task, demonstrator: Demonstrator, config: DemosConfig, output: Output, workers: int, write: Film
 ) -> StageResult:
-    """Film until there are `config.n` demonstrations, and write the artifact; `write` gets all footage."""
+    """Record `config.n` demonstrations and write the artifact. `write` receives all footage."""
     from stages.simulation.batch import rollout
     from stages.simulation.registry import distribution, learner_context
     from stages.simulation.render import RenderPool
@@ -106,8 +106,8 @@ def _film(
                 who = demonstrator.parents[0].path if demonstrator.parents else f"task {task.name}"
                 longer = f"train it longer (ifo train-expert {task.name} --iterations N), or "
                 raise ArtifactError(
-                    f"{who}: the demonstrator failed in {dropped} of {attempts} contexts, expected at least a "
-                    f"quarter to end below {task.expert_threshold} of the initial distance; "
+                    f"{who}: the demonstrator failed in {dropped} of {attempts} contexts; at least a quarter "
+                    f"must end below {task.expert_threshold} of the initial distance: "
                     f"{longer if demonstrator.parents else ''}keep failures (--keep-failures)"
                 )
             rng = generator(run.seed, "demos", chunks)
@@ -116,7 +116,7 @@ def _film(
                 starts = filmed.context_state(drawn)
             else:
                 drawn = repeat(learner_context(task, config.context_seed, drawn_from), chunk)
-                starts = filmed.draw_states(rng, drawn)  # One context for all, and one start would show one video.
+                starts = filmed.draw_states(rng, drawn)  # One context for all: a single start would repeat one video.
             act = demonstrator.begin(drawn, generator(run.seed, "demonstrator", chunks))
             episode = rollout(filmed, drawn, *starts, act, workers)
             good = config.keep_failures | (episode.normalised_distance < task.expert_threshold)
@@ -140,7 +140,7 @@ def _film(
 
     initial_distance, final_distance = np.concatenate(initial), np.concatenate(final)
     if not config.keep_failures:
-        run.progress.say(f"dropped {dropped} of {kept + dropped} demonstrations that failed")
+        run.progress.say(f"dropped {dropped} of {kept + dropped} demonstrations because they failed")
     arrays = {
         "frames": videos,
         "initial_distance": initial_distance,
@@ -164,10 +164,10 @@ def _film(
 
 
 def playback(rng: np.random.Generator, n: int, frames: int, jitter: float) -> np.ndarray:
-    """What each frame of n videos shows: times (n, T) in frames of the plain video, from 0 and never falling.
+    """Time warping of n videos: source times (n, T) in frames of the unwarped video, non-decreasing from 0.
 
-    A video's tempo starts, passes its middle and ends at speeds drawn from [1 - jitter, 1 + jitter], with straight
-    lines between. Fast ones rest on the last frame; slow ones stop before it. Without jitter: 0, 1, 2, ...
+    The playback speed is piecewise linear, with speeds drawn from [1 - jitter, 1 + jitter] at the start, the middle
+    and the end. Fast videos repeat their last frame; slow ones stop before it. Without jitter: 0, 1, 2, ...
     """
     speeds = rng.uniform(1 - jitter, 1 + jitter, (n, TEMPO_KNOTS))
     at = np.linspace(0, TEMPO_KNOTS - 1, frames - 1)
@@ -176,17 +176,17 @@ def playback(rng: np.random.Generator, n: int, frames: int, jitter: float) -> np
 
 
 def _check_footage(config: DemosConfig, out: Path) -> None:
-    """Refuse to film into a folder that is there, or that the artifact is to lie in."""
+    """Refuse a footage folder that exists, or that would contain the artifact."""
     folder = Path(config.videos)
     if config.videos and folder.exists():
-        raise UsageError(f"--videos {folder}: exists already: remove it, or give another name")
+        raise UsageError(f"--videos {folder}: already exists: remove it or choose another name")
     if config.videos and folder.resolve() in out.resolve().parents:
-        raise UsageError(f"--videos {folder}: {out} is to lie there, too: give the footage a folder of its own")
+        raise UsageError(f"--videos {folder}: {out} would be written into it: choose a separate folder for the footage")
 
 
 @contextmanager
 def _footage(task: Task, config: DemosConfig) -> Iterator[Film]:
-    """A function (fields, qpos) that writes videos into the folder `config.videos`; none is wanted: it does nothing."""
+    """Yield a function (fields, qpos) that writes videos to the folder `config.videos`, or a no-op if that is empty."""
     from stages.simulation.render import RenderPool
 
     if not config.videos:
@@ -207,26 +207,26 @@ def _footage(task: Task, config: DemosConfig) -> Iterator[Film]:
 
 
 def _demonstrator(task: Task, expert: Path | None, run: RunOptions, folder: Path) -> Demonstrator:
-    """Who is filmed."""
+    """The demonstrator to record."""
     if task.demonstrator is None:
         return Expert(task, expert or _found_or_trained_expert(task, run, folder))
     if expert:
-        raise UsageError(f"--expert {expert}: {task.name} brings somebody who demonstrates it: leave the option out")
+        raise UsageError(f"--expert {expert}: {task.name} has a scripted demonstrator: omit the option")
     return Person(task)
 
 
 def _expert_path(task_name: str, run: RunOptions, folder: Path) -> Path:
-    """Where the expert of this task and preset lies."""
+    """Default path of the expert for this task and preset."""
     from stages.simulation.registry import file_name
 
     return default_path(folder, f"{file_name(task_name)}-{run.preset}", "expert")
 
 
 def _find_expert(task_name: str, run: RunOptions, folder: Path) -> Path | None:
-    """The expert of this task and preset in `folder`; None if there is none yet.
+    """Path of the expert for this task and preset in `folder`; None if it does not exist.
 
     Raises:
-        ArtifactError: The file is no readable expert.
+        ArtifactError: The file is not a readable expert.
     """
     path = _expert_path(task_name, run, folder)
     if not path.exists():
@@ -236,15 +236,15 @@ def _find_expert(task_name: str, run: RunOptions, folder: Path) -> Path | None:
 
 
 def _found_or_trained_expert(task: Task, run: RunOptions, folder: Path) -> Path:
-    """The expert of this task and preset in `folder`, trained now if there is none."""
+    """Path of the expert for this task and preset in `folder`. It is trained now if it does not exist."""
     from stages.train_expert import train_expert
 
     path = _find_expert(task.name, run, folder)
     if path is not None:
-        run.progress.say(f"using the expert {path}")
+        run.progress.say(f"using expert {path}")
         return path
     path = _expert_path(task.name, run, folder)
-    run.progress.say(f"no expert of {task.name} yet: training one, kept as {path}")
+    run.progress.say(f"no expert for {task.name} yet: training one and saving it as {path}")
     command = f"ifo train-expert {task.name} --preset {run.preset} --seed {run.seed} --out {path}"
     expert_run = dataclasses.replace(
         run, out=path, command=command, resume=checkpoint_path(path).exists(), overwrite=False, given=frozenset()

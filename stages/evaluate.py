@@ -1,4 +1,4 @@
-"""evaluate: measure how often, and how closely, policies reach a goal that they are not told."""
+"""evaluate: measure how often, and how closely, policies reach a goal that they never observe."""
 
 from __future__ import annotations
 
@@ -51,11 +51,11 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     places = [path.resolve() for path in policies]
     twice = [path for path, place in zip(policies, places, strict=True) if places.count(place) > 1]
     if twice:
-        raise UsageError(f"{twice[0]}: given twice: expected each policy once, or the intervals are too narrow")
+        raise UsageError(f"{twice[0]}: given twice: pass each policy once; duplicates narrow the intervals")
     sources = [read_artifact(path, "policy") for path in policies]
     names = sorted({source.config["task"] for source in sources})
     if len(names) > 1:
-        raise ArtifactError(f"policies of tasks {', '.join(names)}: expected one task; evaluate each task on its own")
+        raise ArtifactError(f"policies of different tasks ({', '.join(names)}): evaluate each task separately")
     task = make_task(names[0])
     use_threads(pick_workers(run.workers))
     name = stem_of(sources[0].path) + (f"-and-{len(sources) - 1}-more" if len(sources) > 1 else "")

@@ -1,4 +1,4 @@
-"""export-demos: demonstrations as a data set of another library. Frames and times go along, and nothing else."""
+"""export-demos: write demonstrations as a dataset of another library. Only frames and times are exported."""
 
 from __future__ import annotations
 
@@ -25,34 +25,34 @@ from stages.datasets.export import Export
 from stages.runtime.interrupts import heeded
 from stages.runtime.run import RunOptions, StageResult, check
 
-AT_A_TIME = 64  # demonstrations in memory
+AT_A_TIME = 64  # demonstrations in memory at a time
 FILE_SUFFIXES = (".hdf5", ".h5")
 MINARI_NAME = re.compile(r"[-\w]+-v\d+")
 
 
 def export_demos(demos: Path, config: ExportConfig, run: RunOptions) -> StageResult:
-    """Write demonstrations as `config.format`, whole or not at all; nothing is replaced.
+    """Write demonstrations in `config.format`, completely or not at all. Existing files are never replaced.
 
-    Contexts and distances stay behind: they are for audits, and no video of the world has them.
+    Contexts and distances are not exported: they serve audits only, and real videos do not have them.
 
     Args:
-        demos: The artifact.
-        config: What to write.
-        run: Where to, by `out`; there is no seed, for nothing is random.
+        demos: The demos artifact.
+        config: The format and its options.
+        run: Its `out` is the output path. There is no seed because nothing is random.
 
     Raises:
-        ArtifactError: The demonstrations cannot be read, or are of a shape that the format cannot hold.
-        UsageError: The options make no sense, or there is something of that name.
-        PlatformError: What writes the format is missing, or there is no room.
+        ArtifactError: The demonstrations cannot be read, or the format does not support their shape.
+        UsageError: The options are inconsistent, or the output exists.
+        PlatformError: A library that writes the format is not installed, or the disk is full.
     """
     check("export-demos", config, run)
     artifact = read_artifact(demos, "demos")
     out = _free(run.out, demos, config.format)
     count, length, height, width, _ = artifact.describe()["frames"][0]
     if config.video and (height % 2 or width % 2):
-        raise ArtifactError(f"{demos}: frames of {width}x{height} pixels make no such video: leave out --video")
+        raise ArtifactError(f"{demos}: H.264 needs even sides, but frames are {width}x{height} pixels: omit --video")
     if length < 2:
-        raise ArtifactError(f"{demos}: its videos have {length} frame: expected 2 or more")
+        raise ArtifactError(f"{demos}: its videos have {length} frame: expected at least 2")
     fps = config.fps or _fps(artifact)
     with heeded() as check_interrupt:
         export = Export(
@@ -91,7 +91,7 @@ def _write(out: Path, name: str, export: Export) -> None:
 def _videos(
     artifact: Artifact, count: int, length: int, fps: int, run: RunOptions, check_interrupt: Callable[[], None]
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Frames (T, H, W, 3) and times (T,) of all demonstrations, with a check for interruptions before each."""
+    """Yield frames (T, H, W, 3) and times (T,) of all demonstrations, checking for interrupts before each."""
     with run.progress.bar("export-demos", count, "demos") as bar:
         for start in range(0, count, AT_A_TIME):
             part = slice(start, start + AT_A_TIME)
@@ -105,7 +105,7 @@ def _videos(
 
 
 def _free(out: Path | None, demos: Path, name: str) -> Path:
-    """Where to write, which nothing may lie at yet."""
+    """The output path, which must not exist yet."""
     stem = stem_of(demos)
     default = {"lerobot": f"{stem}.lerobot", "robomimic": f"{stem}.robomimic.hdf5", "minari": f"{stem}-v0"}[name]
     out = out or sibling(demos, "").with_name(default)
@@ -113,12 +113,12 @@ def _free(out: Path | None, demos: Path, name: str) -> Path:
         wanted = f"a file name ending in {FILE_SUFFIXES[0]}" if name == "robomimic" else "the name of a folder"
         raise UsageError(f"--out {out}: expected {wanted}")
     if out.exists() or out.is_symlink():
-        raise UsageError(f"{out}: exists already: remove it, or give another name by --out")
+        raise UsageError(f"{out}: already exists: remove it, or choose another name with --out")
     return out
 
 
 def _fps(artifact: Artifact) -> int:
-    """Frames a second by the demonstrations' times, rounded."""
+    """Frames per second according to the demonstrations' times, rounded."""
     if "times" not in artifact:
         return PLAIN_FPS
     times = artifact["times"]
@@ -128,18 +128,18 @@ def _fps(artifact: Artifact) -> int:
 
 
 def _minari_name(out: Path) -> str:
-    """Under which Minari loads it, from the folder that it lies in."""
+    """The name under which Minari loads the dataset, derived from its folder."""
     return out.name if MINARI_NAME.fullmatch(out.name) else re.sub(r"[^-\w]", "-", out.name) + "-v0"
 
 
 def _remarks(config: ExportConfig, export: Export) -> Iterator[str]:
-    yield f"exported {export.shape[0]} demonstrations at {export.fps} frames a second, without actions"
+    yield f"exported {export.shape[0]} demonstrations at {export.fps} frames per second, without actions"
     if config.video:
-        yield f"the video is not quite what the frames are (H.264, 4:2:0, crf {export.crf}); without --video they stay"
+        yield f"the video compression is lossy (H.264, 4:2:0, crf {export.crf}); omit --video to keep the exact frames"
 
 
 def _text(words: str) -> str:
-    # What UTF-8 cannot hold stays readable.
+    # Escape what UTF-8 cannot encode, so that it stays readable.
     return words.encode("utf-8", "backslashreplace").decode("utf-8")
 
 

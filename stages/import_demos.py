@@ -1,4 +1,4 @@
-"""import-demos: real videos as demonstrations. Frames are all there is: no contexts, no expert, no distances."""
+"""import-demos: import real videos as demonstrations: frames only, without contexts, expert or distances."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from stages.runtime.outputs import Output
 from stages.runtime.run import RunOptions, StageResult, check, environment, full_config
 from stages.translation.training import FEWEST
 
-PREVIEWED = 200  # videos on a preview, at most
-NAMED = 3  # videos that a note names
+PREVIEWED = 200  # maximum number of videos in a preview
+NAMED = 3  # videos that a note lists by name
 
 
 @dataclasses.dataclass(frozen=True)
 class Taken:
-    """What was taken of a video: frames (T, H, W, 3), their times (T,) in seconds, and what the artifact records."""
+    """The part taken from a video: frames (T, H, W, 3), times (T,) in seconds, and the record for the artifact."""
 
     frames: np.ndarray
     times: np.ndarray
@@ -40,7 +40,7 @@ class Taken:
 
 
 class Importer:
-    """Goes through videos, leaves out the bad ones, and gathers what is to be said about the others."""
+    """Imports videos, skips unusable ones, and collects remarks about the others."""
 
     def __init__(self, config: ImportConfig, run: RunOptions) -> None:
         self._config, self._run = config, run
@@ -54,10 +54,10 @@ class Importer:
         self._digests: dict[str, str] = {}
 
     def find(self, paths: Sequence[Path]) -> list[Source]:
-        """The videos that these paths are or hold, each once, with their crops where a file names these.
+        """Find the videos at or in these paths, each once, and read their crops if there is a crop file.
 
         Raises:
-            UsageError: A data set has several cameras and --camera names none, or there is nothing that has one.
+            UsageError: --camera is missing for a dataset with several cameras, or is given without any dataset.
         """
         found: dict[tuple[Path, str], Source] = {}
         for path in paths:
@@ -68,18 +68,18 @@ class Importer:
                 self._skip(str(path), error)
         sources = list(found.values())
         if self._config.camera and sources and not any(source.camera for source in sources):
-            raise UsageError(f"--camera {self._config.camera}: these are videos; only data sets have named cameras")
+            raise UsageError(f"--camera {self._config.camera}: only datasets have named cameras: omit the option")
         if self._config.crop_file and sources:
             crops, unknown = read_crops(Path(self._config.crop_file), sources)
             self._crops = {source.path: crop for source, crop in zip(sources, crops, strict=True)}
             if unknown:
-                self._run.progress.say(f"{self._config.crop_file} has rows for no video here: {_some(unknown)}")
+                self._run.progress.say(f"{self._config.crop_file} has rows that match no video: {_some(unknown)}")
         return sources
 
     def inputs(self, sources: Sequence[Source]) -> dict[str, Any]:
-        """What the import reads, for its recipe: names and digests of the videos, and the digest of the crop file.
+        """The inputs of the import, for its recipe: names and digests of the videos, and the digest of the crop file.
 
-        A file that cannot be read has an empty digest.
+        The digest of an unreadable file is empty.
         """
         for source in sources:
             try:
@@ -93,10 +93,10 @@ class Importer:
         }
 
     def take(self, source: Source) -> Taken | None:
-        """The wanted frames of a video; None if it cannot be used.
+        """Take the selected frames of a video; None if the video cannot be used.
 
         Raises:
-            ArtifactError: It cannot be used, and --strict.
+            ArtifactError: The video cannot be used, and --strict is set.
         """
         try:
             footage = source.open()
@@ -109,7 +109,7 @@ class Importer:
                     if k == 0:
                         shape, crop = picture.shape[:2], self._crop_of(source, picture)
                     elif picture.shape[:2] != shape:
-                        raise ArtifactError(f"{source.label}: changes its picture size midway: convert it to one size")
+                        raise ArtifactError(f"{source.label}: image size changes midway: convert it to one size")
                     frames[k] = reduced(picture, crop, self.size)
             record = {
                 "name": _name(source.label),
@@ -127,7 +127,7 @@ class Importer:
         return Taken(frames[places], times[places], record)
 
     def preview(self, source: Source) -> np.ndarray | None:
-        """The first wanted frame with the crop drawn on it; None if the video cannot be used."""
+        """The first selected frame with the crop drawn on it; None if the video cannot be used."""
         try:
             footage = source.open()
             indices, _ = choose_frames(footage, self.segment)
@@ -136,7 +136,7 @@ class Importer:
             crop = self._chosen_crop(source, picture)
             try:
                 check_crop(crop, picture.shape[:2], source.label)
-            except ArtifactError as error:  # To see where it lies is what a preview is for.
+            except ArtifactError as error:  # The preview is meant to show where a bad crop is.
                 self._run.progress.say(str(error))
             return preview_cell(picture, crop, f"{source.path.name} {source.part}".rstrip())
         except ArtifactError as error:
@@ -153,8 +153,8 @@ class Importer:
 
     def _skip(self, label: str, error: ArtifactError) -> None:
         if self._config.strict:
-            raise ArtifactError(f"{error} (--strict: nothing is written)") from error
-        if str(error) not in self.reasons:  # What ails a data set's file ails every episode in it.
+            raise ArtifactError(f"{error} (--strict: nothing was written)") from error
+        if str(error) not in self.reasons:  # A fault in a dataset file affects every episode in it.
             self._run.progress.say(f"skipped {error}")
         self.reasons[str(error)].append(label)
         self.skipped.append({"name": _name(label), "reason": str(error)})
@@ -162,15 +162,15 @@ class Importer:
     def _note(self, source: Source, footage: Footage, crop: Crop, repeated: int, behind: int) -> None:
         name = source.label
         if behind:
-            self.notes["short videos rest on their last frame"].append(name)
+            self.notes["short videos repeat their last frame"].append(name)
         elif repeated:
-            self.notes["frames are taken twice where there are fewer than --frames"].append(name)
+            self.notes["segments with fewer than --frames frames repeat some of them"].append(name)
         if crop.h < self.size[0] or crop.w < self.size[1]:
-            self.notes[f"pictures of less than {self._config.size} pixels are enlarged"].append(name)
+            self.notes[f"crops smaller than {self._config.size} pixels are enlarged"].append(name)
         if abs(crop.h * self.size[1] - crop.w * self.size[0]) > max(self.size):
-            self.notes[f"crops of another shape than {self._config.size} are squeezed"].append(name)
+            self.notes[f"crops whose aspect ratio differs from {self._config.size} are distorted"].append(name)
         if footage.cut:
-            self.notes["truncated or damaged, but whole where frames are taken"].append(name)
+            self.notes["truncated or damaged, but complete in the selected segment"].append(name)
         for note in footage.notes:
             self.notes[note].append(name)
 
@@ -178,18 +178,18 @@ class Importer:
 def import_demos(paths: Sequence[Path], config: ImportConfig, run: RunOptions, preview: bool = False) -> StageResult:
     """Take `config.frames` frames of each video and write the `demos` artifact, a contact sheet and an MP4.
 
-    Videos that cannot be used are left out, one line each. One frame at a time is decoded, cropped and reduced, so
-    that memory does not grow with the length of the videos.
+    Videos that cannot be used are skipped with a one-line message each. Frames are decoded, cropped and resized one at
+    a time, so that memory use does not grow with the length of the videos.
 
     Args:
-        paths: Videos, folders of videos, folders of images, and data sets, of which each episode is a video.
-        config: What to take.
-        run: Preset and output; there is no seed, for nothing is random.
+        paths: Videos, folders of videos, folders of images, and datasets, where each episode is a video.
+        config: The segment, the crop and the size to take.
+        run: Preset and output. There is no seed because nothing is random.
         preview: Write only a sheet of the first frames with the crops drawn on them.
 
     Raises:
-        ArtifactError: No video can be used; with `config.strict`, one cannot. Nothing is written.
-        UsageError: The options make no sense, or the output would replace a video.
+        ArtifactError: No video can be used or, with `config.strict`, one cannot. Nothing is written.
+        UsageError: The options are inconsistent, or the output would replace a video.
     """
     check("import-demos", config, run)
     importer = Importer(config, run)
@@ -231,7 +231,7 @@ def import_demos(paths: Sequence[Path], config: ImportConfig, run: RunOptions, p
 
 
 def _compare_with_task(config: ImportConfig, size: tuple[int, int], run: RunOptions) -> None:
-    """Say where the learner's own videos are others: better now than after the translator was trained."""
+    """Warn if the learner's own videos have another shape, before a translator is trained on the wrong one."""
     if not config.task:
         return
     from stages.simulation.gl import choose_backend
@@ -242,13 +242,13 @@ def _compare_with_task(config: ImportConfig, size: tuple[int, int], run: RunOpti
     if (config.frames, *size) != (task.frames, *task.frame_size):
         height, width = task.frame_size
         run.progress.say(
-            f"{task.name} has {task.frames} frames of {width}x{height} pixels: ifo translate takes these for a "
-            "--context-image alone"
+            f"{task.name} has {task.frames} frames of {width}x{height} pixels: ifo translate can use these "
+            "demonstrations only with --context-image"
         )
 
 
 def _stem(config: ImportConfig, run: RunOptions) -> str:
-    """Not the task's name alone: that is what collect-demos calls its files."""
+    """Stem of the output's name. It differs from the task's name, which collect-demos uses."""
     from stages.simulation.registry import file_name
 
     task = f"-{file_name(config.task)}" if config.task else ""
@@ -256,7 +256,7 @@ def _stem(config: ImportConfig, run: RunOptions) -> str:
 
 
 def _check_not_an_input(out: Path, sources: Sequence[Source]) -> None:
-    """Refuse to write a picture over somebody's footage."""
+    """Refuse an output that would replace one of the imported files."""
     written = {sibling(out, suffix).resolve(): suffix for suffix in (".mp4", ".png", ".preview.png")}
     written[out.resolve()] = ""
     for file in {file: None for source in sources for file in source.files}:
@@ -266,7 +266,7 @@ def _check_not_an_input(out: Path, sources: Sequence[Source]) -> None:
 
 def _check_some(usable: int, importer: Importer) -> None:
     if not usable:
-        raise ArtifactError(f"none of {len(importer.skipped)} videos can be used: nothing is written")
+        raise ArtifactError(f"none of the {len(importer.skipped)} videos can be used: nothing was written")
 
 
 def _write_preview(importer: Importer, sources: Sequence[Source], out: Path, run: RunOptions) -> StageResult:
@@ -283,7 +283,7 @@ def _write_preview(importer: Importer, sources: Sequence[Source], out: Path, run
 
 
 def _remarks(importer: Importer, records: Sequence[dict[str, Any]]) -> Iterator[str]:
-    """Lines about what was imported."""
+    """Yield lines about what was imported."""
     for note, names in importer.notes.items():
         yield f"{note} ({len(names)} of {len(records)} videos: {_some(names)})"
     for names in importer.reasons.values():
@@ -294,11 +294,11 @@ def _remarks(importer: Importer, records: Sequence[dict[str, Any]]) -> Iterator[
         same[record["sha256"]].append(record["name"])
     for names in same.values():
         if len(names) > 1:
-            yield f"the same video {len(names)} times: {_some(names)}"
+            yield f"the same video was imported {len(names)} times: {_some(names)}"
     counted = f", skipped {len(importer.skipped)}" if importer.skipped else ""
     yield f"imported {len(records)} videos{counted}"
     if len(records) < FEWEST:
-        yield f"train-translator needs {FEWEST} demonstrations or more: import more videos"
+        yield f"train-translator needs at least {FEWEST} demonstrations: import more videos"
 
 
 def _some(names: Sequence[str]) -> str:
@@ -306,5 +306,5 @@ def _some(names: Sequence[str]) -> str:
 
 
 def _name(label: str) -> str:
-    # A name in bytes of old, which UTF-8 cannot hold, stays readable.
+    # Escape a file name that UTF-8 cannot encode, so that it stays readable.
     return label.encode("utf-8", "backslashreplace").decode("utf-8")

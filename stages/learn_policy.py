@@ -1,4 +1,4 @@
-"""learn-policy: reinforcement learning in the learner's context, on the translation's reward (Sec. V)."""
+"""learn-policy: reinforcement learning in the learner's context with the translation reward (Sec. V)."""
 
 from __future__ import annotations
 
@@ -28,9 +28,12 @@ from stages.simulation.contexts import repeat
 
 
 def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> StageResult:
-    """Learn a policy that tracks the translation; write the `policy` artifact and a video beside its target.
+    """Learn a policy that tracks the translation; write the `policy` artifact and a video of policy and target.
 
-    The policy sees what the task lets a learner see. Frames are drawn only where the reward needs them.
+    The policy receives the task's learner observation. Frames are rendered only if the reward needs them.
+
+    Raises:
+        ArtifactError: The translation has no simulated context.
     """
     from stages.learners.environment import EpisodeEnv
     from stages.learners.loop import curve_arrays, learn
@@ -73,7 +76,7 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     if "expert_frames" in source:
         shown["expert here"] = source["expert_frames"]
     write_mp4(sibling(out, ".mp4"), tile_videos([list(shown.values())], labels=list(shown)), fps=10)
-    run.progress.say(f"policy: last batch ends at {final:.3f} of the initial distance")
+    run.progress.say(f"policy: normalized final distance {final:.3f} in the last batch")
     summary = {
         "normalised_distance": final,
         "samples": int(curve["samples"][-1]),
@@ -92,20 +95,20 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
 
 
 def _finite(metrics: dict[str, np.ndarray]) -> dict[str, float]:
-    """The metrics that are numbers: a tau may be undefined."""
+    """The finite metrics. A Kendall tau may be undefined."""
     return {name: float(value) for name, value in metrics.items() if np.isfinite(value)}
 
 
 def load_translation(path: Path) -> Artifact:
-    """The translation at `path`, with a simulated context to learn in.
+    """Read the translation at `path`, which must have a simulated context.
 
     Raises:
-        ArtifactError: It was made from an image, not from a simulated context.
+        ArtifactError: The translation was made for a context image, not for a simulated context.
     """
     artifact = read_artifact(path, "translation")
     if not artifact.names("contexts"):
         raise ArtifactError(
-            f"{path} was translated into the context of an image, expected a simulated context to learn in; "
+            f"{path} was translated into the context of an image, but learning needs a simulated context: "
             "translate with --context-seed instead"
         )
     return artifact

@@ -25,7 +25,7 @@ PATTERN = "*.evaluation.h5"
 
 
 def report(inputs: Sequence[Path], out: Path, title: str, command: str, progress: Progress) -> StageResult:
-    """Write the page, and beside it, under the same stem, the runs as CSV, the table as Markdown, the plots as PNGs.
+    """Write the page and, next to it, the runs as CSV, the table as Markdown and the plots as PNGs, with the same stem.
 
     Args:
         inputs: Evaluation artifacts, and folders to search for them.
@@ -35,8 +35,8 @@ def report(inputs: Sequence[Path], out: Path, title: str, command: str, progress
         progress: Prints messages.
 
     Raises:
-        ArtifactError: An input is no evaluation, is damaged, or is a folder without any. Nothing is written.
-        UsageError: A file that would be replaced is not an earlier report's. Nothing is written.
+        ArtifactError: An input is not an evaluation, is damaged, or is a folder without any. Nothing is written.
+        UsageError: A file that would be replaced was not written by `ifo report`. Nothing is written.
     """
     _check_replaceable(out)
     evaluations = [read_artifact(path, "evaluation") for path in find_evaluations(inputs)]
@@ -87,7 +87,7 @@ def find_evaluations(inputs: Sequence[Path]) -> list[Path]:
         if path.is_dir():
             inside = sorted(path.rglob(PATTERN))
             if not inside:
-                raise ArtifactError(f"{path}: holds no evaluation ({PATTERN}): make one with `ifo evaluate`")
+                raise ArtifactError(f"{path}: contains no evaluation ({PATTERN}): create one with `ifo evaluate`")
         else:
             inside = [path]
         for file in inside:
@@ -96,7 +96,7 @@ def find_evaluations(inputs: Sequence[Path]) -> list[Path]:
 
 
 def _check_replaceable(out: Path) -> None:
-    """Refuse to replace a README.md for being told --out README.html."""
+    """Refuse to replace files that are not a report's, for example README.md with --out README.html."""
     beside = [out.with_suffix(".md"), out.with_suffix(".csv")]
     try:
         with open(beside[0], "rb") as file:
@@ -118,7 +118,7 @@ def _repeated(duplicates: Sequence[Duplicate]) -> list[str]:
         pair = item.run.evaluation.path, item.kept.evaluation.path
         shared.setdefault(pair, []).append(item.run.name)
     return [
-        f"Runs in both {left_out} and {kept} that count once: {', '.join(names)}."
+        f"Runs in both {left_out} and {kept} that are counted once: {', '.join(names)}."
         for (left_out, kept), names in shared.items()
     ]
 
@@ -129,7 +129,7 @@ def _without_curves(runs: Sequence[Run]) -> list[str]:
 
 
 def _unknown(runs: Sequence[Run]) -> list[str]:
-    """One line for each kind of file that evaluations could not find out about."""
+    """One line per kind of input file that evaluations could not identify."""
     notes = []
     for part in (TRANSLATOR, DEMONSTRATIONS):
         paths = dict.fromkeys(str(run.evaluation.path) for run in runs if run.unknown == part)

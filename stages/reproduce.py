@@ -30,12 +30,12 @@ JOBS, LOCK, LOGS = "jobs.json", ".reproduce.lock", "logs"
 RETRIES = 1
 RUNTIME = 6  # requested of a cluster: this many times the estimate, at least half an hour
 MEGABYTE = 1 << 20
-PR_SET_PDEATHSIG = 1  # of <linux/prctl.h>
+PR_SET_PDEATHSIG = 1  # from <linux/prctl.h>
 
 
 @dataclass(frozen=True)
 class Execution:
-    """Where and how the jobs run.
+    """How to run the jobs.
 
     Attributes:
         executor: `local`, or a Snakemake plugin: `slurm`, `kubernetes`.
@@ -79,7 +79,7 @@ def missing(jobs: Sequence[Job], folder: Path) -> list[Job]:
     """The jobs that are still needed: their output is missing, and so is a wanted file that depends on it."""
     absent = [job for job in jobs if not (folder / job.output).exists()]
     needed = {job.output for job in absent if job.stage == "evaluate"}
-    for job in reversed(absent):  # Jobs come after what they read.
+    for job in reversed(absent):  # Jobs come after their inputs.
         if job.output in needed:
             needed |= set(job.inputs)
     return [job for job in absent if job.output in needed]
@@ -93,7 +93,7 @@ def described(jobs: Sequence[Job], grid: Grid, cores: int) -> str:
     total = sum(minutes(job, grid.preset) for job in jobs)
     wall = max(total / cores, longest_chain(list(jobs), grid.preset))
     kinds = ", ".join(f"{count} {stage}" for stage, count in counts.items())
-    return f"reproduce: {len(jobs)} jobs ({kinds}), about {_hours(total)} of one core, {_hours(wall)} on {cores}"
+    return f"reproduce: {len(jobs)} jobs ({kinds}), about {_hours(total)} on one core, {_hours(wall)} on {cores}"
 
 
 def _hours(spent: float) -> str:
@@ -189,4 +189,4 @@ def _failed(left: Sequence[Job], runs: Sequence[Job], folder: Path) -> str:
         lines = log.read_text(errors="replace").strip().splitlines() if log.exists() else []
         reasons.append(f"{log} ({lines[-1].removeprefix('ifo: ')})" if lines else f"{job.output} (no log)")
     more = f" and {len(first) - 3} more" if len(first) > 3 else ""
-    return f"{lost} of {len(runs)} runs are missing; see {', '.join(reasons)}{more}; the same command tries again"
+    return f"{lost} of {len(runs)} runs are missing; see {', '.join(reasons)}{more}; run the same command to retry"

@@ -1,4 +1,4 @@
-"""train-expert: learn the task from its hand-written reward, in random contexts, seeing the state and the goal."""
+"""train-expert: learn the task from its hand-written reward, in random contexts, observing the state and the goal."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ CONSISTENT_SPREAD = 0.15  # radians
 def train_expert(task_name: str, config: ExpertConfig, run: RunOptions) -> StageResult:
     """Train an expert, test it, and write the `expert` artifact.
 
-    The test draws fresh contexts and measures the normalised final distance, and how consistent the expert is: the
-    standard deviation of its final joint angles over episodes in one context, the initial noise redrawn.
+    The test draws fresh contexts and measures the normalized final distance and the consistency of the expert: the
+    standard deviation of its final joint angles over episodes in one context with different initial noise.
     """
     from stages.learners.environment import EpisodeEnv
     from stages.learners.loop import curve_arrays, learn
@@ -39,11 +39,11 @@ def train_expert(task_name: str, config: ExpertConfig, run: RunOptions) -> Stage
     from stages.simulation.registry import code_digest, distribution, file_name, make_task
 
     check("train-expert", config, run)
-    choose_backend(required=False)  # Draws nothing; but mujoco settles on a backend when it is imported.
+    choose_backend(required=False)  # Renders nothing, but mujoco fixes its backend on import.
     task = make_task(task_name, typed=True)
     task.varied(distribution(config.contexts, config.vary))
     if task.demonstrator:
-        run.progress.say(f"{task_name} brings somebody who demonstrates it: ifo collect-demos needs no expert of it")
+        run.progress.say(f"{task_name} has a scripted demonstrator: ifo collect-demos needs no expert for it")
     workers = use_threads(pick_workers(run.workers))
     usual = defaults(run.preset, "train-expert", task_name, own=task.defaults)
     tags = name_tags(config, usual, run, 0, run.preset)
@@ -88,7 +88,7 @@ def train_expert(task_name: str, config: ExpertConfig, run: RunOptions) -> Stage
 
 
 def _test(task: Task, policy: Policy, config: ExpertConfig, run: RunOptions, workers: int) -> dict[str, np.ndarray]:
-    """Normalised final distances (C,) in fresh contexts, and final joint angles' spread (C, nq) over episodes."""
+    """Normalized final distances (C,) in fresh contexts, and spread of final joint angles (C, nq) over episodes."""
     from stages.simulation.batch import rollout
     from stages.simulation.registry import distribution
 

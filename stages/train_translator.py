@@ -1,4 +1,4 @@
-"""train-translator: learn to translate demonstrations between contexts (Sec. IV)."""
+"""train-translator: train a network that translates demonstrations between contexts (Sec. IV)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from stages.runtime.run import RunOptions, StageResult, check, environment, full
 if TYPE_CHECKING:
     from stages.translation.networks import Translator
 
-SHOWN_HELD_OUT = 32  # held-out demonstrations that the evaluations on the way look at; the last looks at all
+SHOWN_HELD_OUT = 32  # held-out demonstrations in evaluations during training; the final evaluation uses all
 METRICS = (
     "psnr",
     "copy_psnr",
@@ -36,7 +36,10 @@ METRICS = (
 def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> StageResult:
     """Train on all but the held-out demonstrations and write the `translator` artifact.
 
-    The contexts that a demos artifact keeps for audits are never read.
+    The contexts, which a demos artifact stores for audits, are never read.
+
+    Raises:
+        ArtifactError: There are too few demonstrations.
     """
     import torch
 
@@ -65,13 +68,13 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
     held_out = held_out_count(len(frames), config.held_out)
     if len(frames) < FEWEST:
         more = "import more videos" if source.config.get("stage") == "import-demos" else "collect more with -n"
-        raise ArtifactError(f"{demos} holds {len(frames)} demonstrations, expected {FEWEST} or more: {more}")
+        raise ArtifactError(f"{demos} contains {len(frames)} demonstrations, expected at least {FEWEST}: {more}")
     training = TranslatorTraining(config, frames[:-held_out], run.seed, device, run.processes)
     described = full_config("train-translator", config, run, task=source.config.get("task"))
     described |= {"demonstrations": len(frames), "held_out_demonstrations": held_out, "size": list(frames.shape[2:4])}
 
     def evaluate(model: Translator, limit: int = SHOWN_HELD_OUT) -> dict[str, float]:
-        """Held-out metrics; of videos at one tempo, where videos are aligned."""
+        """Held-out metrics. If videos are aligned, they are computed on time-aligned videos."""
         videos = frames[-held_out:][:limit]
         if config.align == "dtw":
             index = torch.from_numpy(video_index(model, videos, frames[0, 0], device))

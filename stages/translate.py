@@ -1,4 +1,4 @@
-"""translate: what would the expert do in the learner's context? Translates demonstrations into it (Sec. V.A)."""
+"""translate: translate demonstrations into the learner's context, as if the expert acted there (Sec. V.A)."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from stages.rewards.quality import Quality
     from stages.simulation.task import Task
 
-SHOWN = 4  # demonstrations in the MP4 grid
+SHOWN = 4  # demonstrations shown in the MP4 grid
 CHUNK = 16  # demonstrations translated at a time
 
 
@@ -42,8 +42,8 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     """Translate demonstrations into the learner's context; write the `translation` artifact and an MP4 grid.
 
     Raises:
-        ArtifactError: The translator's demonstrations are missing, or not the ones that it was trained on.
-        UsageError: A context image of another size.
+        ArtifactError: The translator's demonstrations are missing, or are not those that it was trained on.
+        UsageError: The context image has the wrong size or cannot be read, or the demonstrations name no task.
     """
     import torch
 
@@ -83,7 +83,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     candidates = np.arange(0 if config.split == "all" else count - held_out, count)
     chosen = np.sort(generator(run.seed, "translate").permutation(candidates)[: config.n])
     if config.n > len(chosen):
-        run.progress.say(f"translating {len(chosen)} demonstrations: there are no more that are {config.split}")
+        run.progress.say(f"translating {len(chosen)} demonstrations: --split {config.split} has no more")
     frames = np.stack([demos.read("frames", int(k)) for k in chosen])
     features, images, feature_motion, image_motion = [], [], [], []
     context_image = to_images(torch.from_numpy(frame[None].copy()).to(device))
@@ -126,18 +126,18 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
         metrics |= quality.metrics
         run.progress.say(
             f"mean translation against the expert's video in this context: {metrics['psnr']:.2f} dB PSNR (copying the "
-            f"context: {metrics['copy_psnr']:.2f}), error {metrics['image_ratio']:.2f} of copying it in pixels, "
-            f"{metrics['feature_ratio']:.2f} of the features' own motion in features (below 1 leads the right way)"
+            f"context: {metrics['copy_psnr']:.2f}); pixel error {metrics['image_ratio']:.2f} relative to copying the "
+            f"context, feature error {metrics['feature_ratio']:.2f} relative to feature motion (below 1 is better)"
         )
         run.progress.say(
-            "reward against true progress, Kendall's tau: "
+            "Kendall's tau of reward and true progress: "
             + ", ".join(f"{shown_tau(metrics[f'tau_{kind}'])} ({kind})" for kind in ("expert", "noisy", "random"))
-            + f"; returns against final distances: {shown_tau(metrics['tau_returns'])}; on the way from standing still "
-            f"to the expert: {shown_tau(metrics['tau_way'])}"
+            + f"; of returns and final distances: {shown_tau(metrics['tau_returns'])}; along the path from standing "
+            f"still to the expert: {shown_tau(metrics['tau_way'])}"
         )
         write_bytes(plot, plot_quality(quality.curves))
     else:
-        plot.unlink(missing_ok=True)  # Of what stood here before.
+        plot.unlink(missing_ok=True)  # A leftover of an earlier translation.
     described = full_config("translate", config, run, task=source.config.get("task"))
     described["align"] = align
     described["contexts"], described["vary"] = ("", "") if config.context_image else _contexts_of(config, demos)
@@ -159,7 +159,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
 
 
 def _image_digest(config: TranslateConfig) -> dict[str, str]:
-    """The SHA-256 of the context image, as part of the recipe; empty where there is none.
+    """The SHA-256 of the context image, as part of the recipe; empty without a context image.
 
     Raises:
         UsageError: The file cannot be read.
@@ -173,12 +173,12 @@ def _image_digest(config: TranslateConfig) -> dict[str, str]:
 
 
 def _read_context(path: str, size: tuple[int, ...]) -> np.ndarray:
-    """The context frame of a PNG, which must have the translator's frame size."""
+    """Read the context frame from a PNG, which must have the translator's frame size."""
     image = read_png(path)
     if image.shape[:2] != size:
         height, width = size
         raise UsageError(
-            f"--context-image {path}: {image.shape[1]}x{image.shape[0]} pixels, expected {width}x{height}; resize it"
+            f"--context-image {path}: {image.shape[1]}x{image.shape[0]} pixels, expected {width}x{height}: resize it"
         )
     return image
 
@@ -186,15 +186,15 @@ def _read_context(path: str, size: tuple[int, ...]) -> np.ndarray:
 def _simulate_context(
     config: TranslateConfig, demos: Artifact, run: RunOptions
 ) -> tuple[Contexts, np.ndarray, Demonstrator | None]:
-    """The learner's context (leading axis 1), its first frame, and who demonstrated, where that one is at hand."""
+    """The learner's context (leading axis 1), its first frame, and the demonstrator, or None if it is unavailable."""
     from stages.learners.demonstrators import IMPORTED, demonstrator_of
     from stages.simulation.registry import distribution, learner_context, make_task
     from stages.simulation.render import RenderPool
 
     if not demos.config.get("task"):
         raise UsageError(
-            f"{demos.path} shows no simulated task: give a picture of the learner's context with --context-image PNG, "
-            "or name the task of a simulated learner with import-demos --task"
+            f"{demos.path} names no simulated task: pass an image of the learner's context with --context-image PNG, "
+            "or name the simulated learner's task with import-demos --task"
         )
     task = make_task(demos.config["task"])
     _check_shape(task, demos)
@@ -202,22 +202,23 @@ def _simulate_context(
     with RenderPool.of(task, 1) as pool:
         frame = pool.render(task.model_fields(contexts), task.context_state(contexts)[0][None])[0, 0]
     if demos.config.get("stage") == IMPORTED and task.demonstrator is None:
-        return contexts, frame, None  # Nobody knows what the expert would do here.
+        return contexts, frame, None  # The expert's behavior in this context is unknown.
     try:
         return contexts, frame, demonstrator_of(task, demos)
     except ArtifactError as error:
-        run.progress.say(f"the expert's own video here is not known, and nothing is compared with it ({error})")
+        run.progress.say(f"no comparison with an expert video, because the expert is unavailable ({error})")
         return contexts, frame, None
 
 
 def _check_shape(task: Task, demos: Artifact) -> None:
-    """Raise UsageError where a simulated learner's videos are of another length or size than the demonstrations."""
+    """Raise UsageError if a simulated learner's videos differ in length or size from the demonstrations."""
     length, *size = demos.describe()["frames"][0][1:4]
     if (length, *size) != (task.frames, *task.frame_size):
         height, width = task.frame_size
         raise UsageError(
-            f"{demos.path} holds {length} frames of {size[1]}x{size[0]} pixels a video, expected {task.frames} of "
-            f"{width}x{height}, as {task.name} has them: import-demos --frames {task.frames} --size {width}x{height}"
+            f"{demos.path} has videos of {length} frames of {size[1]}x{size[0]} pixels, but "
+            f"{task.frames} of {width}x{height} are needed for {task.name}: "
+            f"use import-demos --frames {task.frames} --size {width}x{height}"
         )
 
 
@@ -229,13 +230,13 @@ def _judge(
     run: RunOptions,
     device: str,
 ) -> tuple[np.ndarray, Quality]:
-    """The expert's own video (T, H, W, 3) in the learner's context, and how the reward ranks what is done there."""
+    """The expert's own video (T, H, W, 3) in the learner's context, and how well the reward ranks behavior there."""
     from stages.rewards.quality import reward_quality
     from stages.rewards.tracking import TrackingTarget
     from stages.simulation.render import RenderPool
 
     task = expert.task
-    # The reward that will be learned from, as it stands.
+    # The reward with the settings that learn-policy will use.
     learning = defaults(run.preset, "learn-policy", task.name, own=task.defaults)
     with RenderPool.of(task, 1) as pool:
         quality = reward_quality(
@@ -256,7 +257,7 @@ def _judge(
 def _truth(
     model: Any, truth: np.ndarray, device: str, arrays: dict[str, np.ndarray], metrics: dict[str, float]
 ) -> dict[str, np.ndarray]:
-    """The expert's own video and features here, as a perfect translation; fills in `metrics`."""
+    """The expert's own video and features in this context, as a perfect translation; adds to `metrics`."""
     import torch
 
     from stages.translation.metrics import feature_ratio, psnr, squared_error
@@ -278,7 +279,7 @@ def _truth(
 
 
 def _contexts_of(config: TranslateConfig, demos: Artifact) -> tuple[str, str]:
-    """The distribution of the learner's context and what varies in it; the demonstrations' own where left open."""
+    """The learner's context distribution and varied factors; by default those of the demonstrations."""
     from stages.learners.demonstrators import filmed_contexts
 
     if config.contexts:

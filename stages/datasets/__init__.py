@@ -1,1 +1,1 @@
-"""Data sets of other libraries: their episodes as footage, and demonstrations written as such data sets."""
+"""Datasets of other libraries: reading their episodes as footage, and writing demonstrations in their formats."""

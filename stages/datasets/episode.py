@@ -1,4 +1,4 @@
-"""An episode of a data set, as one video among others."""
+"""An episode of a dataset as a video source."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class Episode(Source):
     """An episode before it is opened.
 
     Attributes:
-        inside: The files that it lies in, wholly or in part.
-        opener: Opens it.
-        digests: SHA-256 of the data set's files, shared by its episodes so that each file is read once.
+        inside: The files that contain the episode, wholly or in part.
+        opener: Opens the episode.
+        digests: SHA-256 of the dataset's files, shared by its episodes so that each file is read once.
     """
 
     inside: tuple[Path, ...] = ()
@@ -42,7 +42,7 @@ class Episode(Source):
         return self.opener()
 
     def sha256(self) -> str:
-        """Of the episode's name and the digests of the files that it lies in."""
+        """SHA-256 of the episode's name and the digests of the files that contain it."""
         digest = hashlib.sha256(f"{self.part}\0{self.camera}\n".encode("utf-8", "surrogateescape"))
         for file in self.inside:
             if file not in self.digests:
@@ -54,7 +54,7 @@ class Episode(Source):
 def episodes_in(
     file: Path, path: Path, camera: str, names: Sequence[str], open_one: Callable[[str], Footage]
 ) -> list[Episode]:
-    """The episodes of these names in one file of the data set at `path`; `open_one` opens one by its name."""
+    """The named episodes in one file of the dataset at `path`; `open_one` opens an episode by name."""
     digests: dict[Path, str] = {}
     return [
         Episode(path, part=name, camera=camera, inside=(file,), opener=partial(open_one, name), digests=digests)
@@ -63,14 +63,14 @@ def episodes_in(
 
 
 def choose_camera(path: Path, cameras: Sequence[str], wanted: str) -> str:
-    """The camera to take: the one that `wanted` names, in full or by the last part of its name; or else the only one.
+    """Return the camera that `wanted` names, in full or by the last part of its name; if empty, the only camera.
 
     Raises:
-        ArtifactError: The data set has none.
-        UsageError: It has none of that name, or several and none is named.
+        ArtifactError: The dataset has no camera.
+        UsageError: The dataset has no such camera, or several and `wanted` is empty.
     """
     if not cameras:
-        raise ArtifactError(f"{path}: holds no pictures: expected a data set with a camera")
+        raise ArtifactError(f"{path}: contains no images: expected a dataset with a camera")
     if not wanted:
         if len(cameras) > 1:
             raise UsageError(f"{path}: has the cameras {', '.join(cameras)}: choose one with --camera")
@@ -84,20 +84,20 @@ def choose_camera(path: Path, cameras: Sequence[str], wanted: str) -> str:
 
 
 def last_part(camera: str) -> str:
-    """What stands behind the last dot or slash of a camera's name."""
+    """The part of a camera's name after the last dot or slash."""
     return re.split(r"[./]", camera)[-1]
 
 
 def check_is_there(path: Path) -> None:
-    """Raise ArtifactError where a file of a data set is missing, empty, unreadable, or was not downloaded."""
+    """Raise ArtifactError if a file of a dataset is missing, empty, unreadable, or was not downloaded."""
     try:
         with open(path, "rb") as file:
             start = file.read(len(LFS_POINTER))
     except FileNotFoundError as error:
-        raise ArtifactError(f"{path}: no such file: download the whole data set") from error
+        raise ArtifactError(f"{path}: no such file: download the whole dataset") from error
     except OSError as error:
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error
     if start == LFS_POINTER:
-        raise ArtifactError(f"{path}: is a Git LFS pointer in place of the file: run git lfs pull")
+        raise ArtifactError(f"{path}: is a Git LFS pointer instead of the file: run git lfs pull")
     if not start:
-        raise ArtifactError(f"{path}: is empty: get the file again")
+        raise ArtifactError(f"{path}: is empty: download it again")

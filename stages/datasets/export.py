@@ -1,4 +1,4 @@
-"""What is written as a data set of another library."""
+"""The demonstrations and metadata that an export writes."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ Videos = Callable[[], Iterator[tuple[np.ndarray, np.ndarray]]]
 
 @dataclass(frozen=True)
 class Export:
-    """Demonstrations on their way out. There are no actions in them, nor rewards, and contexts stay behind.
+    """Demonstrations to export. They contain no actions and no rewards, and contexts are not exported.
 
     Attributes:
         shape: N, T, H, W of the demonstrations.
-        videos: Goes through them: frames (T, H, W, 3), uint8, and their times (T,) in seconds.
-        camera: What the camera is called.
-        task: What is done, in words.
-        fps: Frames a second that the data set claims.
-        video: LeRobot's pictures as H.264, in place of PNGs in its tables.
+        videos: Iterates over the demonstrations: frames (T, H, W, 3), uint8, and their times (T,) in seconds.
+        camera: Name of the camera.
+        task: Description of the task in words.
+        fps: Frames per second that the dataset declares.
+        video: Whether LeRobot's images are stored as H.264 instead of as PNGs in its tables.
         crf: x264's constant rate factor.
-        origin: Where they come from, for people: names -> text.
+        origin: Where the demonstrations come from, for human readers: name -> text.
     """
 
     shape: tuple[int, int, int, int]

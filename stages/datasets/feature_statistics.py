@@ -1,4 +1,4 @@
-"""Statistics as LeRobot keeps them: of every episode, and of the whole data set. Exact, since pixels are bytes."""
+"""LeRobot's feature statistics, per episode and for the whole dataset. They are exact because pixels are bytes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ LEVELS = 256
 
 
 def of_numbers(values: np.ndarray) -> dict[str, list[Any]]:
-    """Of a feature of one number a frame (F,): one value each, and the number of frames as `count`."""
+    """Statistics of a scalar feature (F,): one value per statistic, and the number of frames as `count`."""
     values = np.asarray(values, float)
     quantiles = np.quantile(values, QUANTILES)
     figures = {"min": values.min(), "max": values.max(), "mean": values.mean(), "std": values.std()}
@@ -24,13 +24,13 @@ def of_numbers(values: np.ndarray) -> dict[str, list[Any]]:
 
 
 def levels_in(frames: np.ndarray) -> np.ndarray:
-    """How often each level occurs in each channel, (3, 256), of frames (..., 3), uint8."""
+    """Per-channel histogram (3, 256) of the pixel levels in frames (..., 3), uint8."""
     flat = frames.reshape(-1, 3)
     return np.stack([np.bincount(flat[:, channel], minlength=LEVELS) for channel in range(3)])
 
 
 def of_pictures(counts: np.ndarray, frames: int) -> dict[str, list[Any]]:
-    """Of pictures whose levels occur `counts` (3, 256) times: (3, 1, 1) each, in [0, 1], and frames as `count`."""
+    """Image statistics, (3, 1, 1) each, in [0, 1], from a histogram (3, 256); the number of frames as `count`."""
     levels = np.arange(LEVELS) / (LEVELS - 1)
     total = counts.sum(axis=1)
     mean = counts @ levels / total

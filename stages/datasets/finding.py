@@ -1,4 +1,4 @@
-"""Whose data set a path is, told by what it holds."""
+"""Detects the format of a dataset from its content."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ HDF5_SUFFIXES = (".h5", ".hdf5", ".hdf")
 
 
 def find_episodes(path: Path, camera: str) -> list[Episode]:
-    """The episodes of the data set that `path` is; empty where it is none.
+    """Return the episodes of the dataset at `path`; empty if `path` is not a dataset.
 
     Args:
-        path: A folder of LeRobot's or Minari's, or an HDF5 file of robomimic's or Minari's.
-        camera: What --camera names; empty: the only camera.
+        path: A LeRobot or Minari folder, or a robomimic or Minari HDF5 file.
+        camera: The value of --camera; empty for the only camera.
 
     Raises:
-        ArtifactError: The data set is damaged, incomplete, of a version that is not read, or holds no pictures.
-        UsageError: The camera is not to be told.
-        PlatformError: What reads it is not installed.
+        ArtifactError: The dataset is damaged, incomplete, of an unsupported version, or contains no images.
+        UsageError: The camera is ambiguous or unknown.
+        PlatformError: A library that is needed to read it is not installed.
     """
     from stages.datasets.minari import main_file, read_minari
 
@@ -46,12 +46,12 @@ def _in_file(path: Path, camera: str) -> list[Episode]:
     with open(path, "rb") as file:
         start = file.read(len(SIGNATURE))
     if path.suffix.lower() == ".parquet":
-        raise ArtifactError(f"{path}: is a table of a data set: name its folder, the one with meta/info.json in it")
+        raise ArtifactError(f"{path}: is a table of a dataset: pass the dataset folder, which contains meta/info.json")
     if start != SIGNATURE:
         if path.suffix.lower() not in HDF5_SUFFIXES:
             return []
         check_is_there(path)
-        raise ArtifactError(f"{path}: is no HDF5 file: expected robomimic's or Minari's")
+        raise ArtifactError(f"{path}: is not an HDF5 file: expected a robomimic or Minari file")
     with hdf5.opened(path) as data:
         robomimic, minari = is_robomimic(data), is_minari(data)
         artifact = str(data.attrs.get("kind", "")) if "ifo_version" in data.attrs else ""
@@ -60,7 +60,7 @@ def _in_file(path: Path, camera: str) -> list[Episode]:
     if minari:
         return read_minari(path, path, camera)
     if artifact:
-        raise ArtifactError(f"{path}: is an artifact of ifo already: give it to train-translator or export-demos")
+        raise ArtifactError(f"{path}: is already an ifo artifact: pass it to train-translator or export-demos")
     raise ArtifactError(
-        f"{path}: is HDF5 of another layout: expected robomimic's data/demo_0/obs or Minari's episode_0"
+        f"{path}: is HDF5 with an unknown layout: expected robomimic's data/demo_0/obs or Minari's episode_0"
     )

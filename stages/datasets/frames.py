@@ -1,4 +1,4 @@
-"""Pictures that lie in a file one by one, in whatever way, as footage."""
+"""Individually stored images as footage, independent of the file format."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ Read = Callable[[np.ndarray], Iterator[np.ndarray]]
 
 
 class StoredFrames:
-    """An episode of pictures: what its file says of their times, and a function that reads them.
+    """An episode of images: the times that its file records, and a function that reads the images.
 
     Attributes:
-        label: How messages name it.
-        times: Time stamps (F,), seconds from the first.
-        duration: Seconds, the last frame's included.
-        cut: In words, what it lacks; empty for a whole one.
-        rotation: 0.
-        notes: What people should know.
+        label: The name used in messages.
+        times: Timestamps (F,), seconds from the first.
+        duration: Seconds, including the last frame's duration.
+        cut: Description of what is missing; empty if the episode is complete.
+        rotation: Always 0.
+        notes: Remarks for the user.
     """
 
     def __init__(self, label: str, times: np.ndarray, read: Read, cut: str = "", notes: Sequence[str] = ()) -> None:
         """Args:
-        label: How messages name it.
-        times: Time stamps (F,), seconds, increasing.
-        read: Yields the pictures (H, W, 3) at increasing indices.
-        cut: In words, what it lacks.
-        notes: What people should know.
+        label: The name used in messages.
+        times: Timestamps (F,), seconds, increasing.
+        read: Yields the images (H, W, 3) at increasing indices.
+        cut: Description of what is missing.
+        notes: Remarks for the user.
         """
         self.label, self._read, self.cut = label, read, cut
         self.times = times - times[0] if len(times) else times
@@ -41,10 +41,10 @@ class StoredFrames:
         self.notes = list(notes)
 
     def pictures(self, indices: np.ndarray) -> Generator[tuple[float, np.ndarray], None, None]:
-        """Time and picture (H, W, 3), RGB, uint8, of the frames at these increasing indices.
+        """Yield time and image (H, W, 3), RGB, uint8, of the frames at these increasing indices.
 
         Raises:
-            ArtifactError: One of them is damaged, or of an absurd size.
+            ArtifactError: An image is damaged or has an implausible size.
         """
         for index, picture in zip(indices, self._read(indices), strict=True):
             check_size(self.label, picture.shape[1], picture.shape[0])
@@ -52,13 +52,13 @@ class StoredFrames:
 
 
 def times_of(stamps: np.ndarray | None, count: int, rate: float, unknown: str) -> tuple[np.ndarray, list[str]]:
-    """Times (count,) in seconds: the stamps where they are usable, else equal steps; and what there is to say of it.
+    """Frame times (count,) in seconds, and remarks for the user. Unusable timestamps are replaced by equal steps.
 
     Args:
-        stamps: What the file holds as times; None: nothing.
+        stamps: Timestamps from the file; None if there are none.
         count: Number of frames.
-        rate: Frames a second, from the file; 0: it does not tell.
-        unknown: What to say where the file tells neither.
+        rate: Frames per second from the file; 0 if not recorded.
+        unknown: The remark if the file records neither.
     """
     if stamps is not None and stamps.shape == (count,) and stamps.dtype.kind in "fiu":
         stamps = stamps.astype(float)
@@ -68,25 +68,25 @@ def times_of(stamps: np.ndarray | None, count: int, rate: float, unknown: str) -
 
 
 def as_picture(label: str, array: np.ndarray) -> np.ndarray:
-    """A stored picture, of 1, 3 or 4 channels which lie last or first, as RGB (H, W, 3).
+    """Convert a stored image with 1, 3 or 4 channels, first or last, to RGB (H, W, 3).
 
     Raises:
-        ArtifactError: It is none.
+        ArtifactError: The array is not an image.
     """
     if array.ndim == 3 and array.shape[-1] not in (1, 3, 4) and array.shape[0] in (1, 3):
         array = array.transpose(1, 2, 0)
     if array.ndim != 3 or array.shape[-1] not in (1, 3, 4) or array.dtype != np.uint8:
-        raise ArtifactError(f"{label}: a frame is {array.dtype} {array.shape}: expected uint8 of (height, width, 3)")
+        raise ArtifactError(f"{label}: a frame is {array.dtype} {array.shape}: expected uint8 (height, width, 3)")
     return np.repeat(array, 3, axis=-1) if array.shape[-1] == 1 else array[..., :3]
 
 
 def from_bytes(label: str, data: bytes | None) -> np.ndarray:
-    """The picture (H, W, 3) that a PNG or a JPEG in a file holds.
+    """Decode a PNG or JPEG stored in a file to an image (H, W, 3).
 
     Raises:
-        ArtifactError: It is none.
+        ArtifactError: The data is not a complete PNG or JPEG.
     """
     picture = decoded(data) if data else None
     if picture is None:
-        raise ArtifactError(f"{label}: a frame is no whole PNG or JPEG: get the data set again")
+        raise ArtifactError(f"{label}: a frame is not a complete PNG or JPEG: download the dataset again")
     return picture

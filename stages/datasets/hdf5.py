@@ -1,4 +1,4 @@
-"""HDF5 files of others, read without trusting them: no link is followed, and no data is taken from other files."""
+"""Reads untrusted HDF5 files: links are not followed and no data is read from other files."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from stages.footage.video import SMALLEST
 if TYPE_CHECKING:
     import h5py
 
-ENCODED = (b"\xff\xd8", b"\x89PNG")  # how a JPEG and a PNG start
-CACHE = 32 * 2**20  # bytes: a chunk of several frames is unpacked once
-DEEPEST = 8  # groups in groups
+ENCODED = (b"\xff\xd8", b"\x89PNG")  # leading bytes of JPEG and PNG
+CACHE = 32 * 2**20  # bytes, so that a chunk of several frames is decompressed only once
+DEEPEST = 8  # maximum nesting of groups
 
 
 @contextmanager
 def opened(path: Path, label: str = "") -> Iterator[h5py.File]:
-    """The file, for reading; `label` is what messages name, by default the file.
+    """Open the file for reading. Messages name `label`, by default the path.
 
     Raises:
-        ArtifactError: It is truncated or damaged, also where that shows while the block runs.
+        ArtifactError: The file is truncated or damaged, even if that is detected only while the block runs.
     """
     import h5py
 
@@ -36,14 +36,14 @@ def opened(path: Path, label: str = "") -> Iterator[h5py.File]:
             yield file
     except (OSError, RuntimeError, KeyError) as error:
         reason = " ".join(str(error).split())
-        raise ArtifactError(f"{label or path}: is truncated or damaged ({reason}): get the file again") from error
+        raise ArtifactError(f"{label or path}: is truncated or damaged ({reason}): download it again") from error
 
 
 def member(group: h5py.Group, name: str) -> Any:
-    """The group or data set of that name, or None.
+    """Return the group or dataset with this name, or None.
 
     Raises:
-        ArtifactError: It lies in another file, or there is no telling where.
+        ArtifactError: The name is a link, or the data is stored in another file.
     """
     import h5py
 
@@ -55,20 +55,24 @@ def member(group: h5py.Group, name: str) -> Any:
         if not links.exists(link):
             return None
         if links.get_info(link).type != h5py.h5l.TYPE_HARD:
-            raise ArtifactError(f"{group.file.filename}: {part} is a link, which is not followed: copy the data in")
+            raise ArtifactError(
+                f"{group.file.filename}: {part} is a link, and links are not followed: copy the data into the file"
+            )
         found = found[part]
     if isinstance(found, h5py.Dataset) and (found.external or found.is_virtual):
-        raise ArtifactError(f"{group.file.filename}: {name} lies in another file, which is not read: copy the data in")
+        raise ArtifactError(
+            f"{group.file.filename}: {name} is stored in another file, which is not read: copy the data into the file"
+        )
     return found
 
 
 def names_in(group: h5py.Group) -> list[str]:
-    """Names in a group, but for those that are no text."""
+    """Names in a group, except those that are not valid text."""
     return [name for name in group if isinstance(name, str)]
 
 
 def cameras_in(group: h5py.Group, prefix: str = "") -> list[str]:
-    """Names of the data sets in and below `group` that hold pictures."""
+    """Names of the datasets in and below `group` that hold images."""
     import h5py
 
     found = []
@@ -82,7 +86,7 @@ def cameras_in(group: h5py.Group, prefix: str = "") -> list[str]:
 
 
 def holds_pictures(dataset: h5py.Dataset) -> bool:
-    """Whether it is (T, H, W, C) or (T, C, H, W) of uint8, or a PNG or a JPEG a frame."""
+    """Whether the dataset is uint8 (T, H, W, C) or (T, C, H, W), or one PNG or JPEG per frame."""
     shape = dataset.shape
     if _is_encoded(dataset):
         return True
@@ -93,31 +97,31 @@ def holds_pictures(dataset: h5py.Dataset) -> bool:
 
 
 def footage(path: Path, name: str, label: str, expected: int, stamps: np.ndarray | None, rate: float) -> StoredFrames:
-    """The pictures of the data set `name` in a file.
+    """The images of the dataset `name` in a file.
 
     Args:
         path: The file.
-        name: Full name of the data set.
-        label: How messages name the episode.
-        expected: How many frames the file tells of; 0: it does not tell.
-        stamps: What the file holds as times; None: nothing.
-        rate: Frames a second, from the file; 0: it does not tell.
+        name: Full name of the dataset.
+        label: The episode's name in messages.
+        expected: Number of frames that the file declares; 0 if not recorded.
+        stamps: Timestamps from the file; None if there are none.
+        rate: Frames per second from the file; 0 if not recorded.
 
     Raises:
-        ArtifactError: There is no such data set, or it holds no pictures.
+        ArtifactError: The dataset does not exist or contains no images.
     """
     with opened(path, label) as file:
         dataset = member(file, name)
         if dataset is None or not hasattr(dataset, "shape") or not holds_pictures(dataset):
-            raise ArtifactError(f"{label}: {name} is not there, or holds no pictures: expected uint8 (T, H, W, 3)")
+            raise ArtifactError(f"{label}: {name} is missing or contains no images: expected uint8 (T, H, W, 3)")
         count = int(dataset.shape[0])
-    cut = f"is truncated, it holds {count} of {expected} frames" if count < expected else ""
-    times, notes = times_of(stamps, count, rate, "frame rates are not recorded, and taken as 25 a second")
+    cut = f"is truncated to {count} of {expected} frames" if count < expected else ""
+    times, notes = times_of(stamps, count, rate, "no frame rate is recorded; 25 frames per second are assumed")
     return StoredFrames(label, times, partial(_read, path, name, label), cut, notes)
 
 
 def number(value: Any) -> float:
-    """A number above 0, or 0 for anything else."""
+    """`value` as a float if it is a positive finite number, else 0."""
     try:
         value = float(value)
     except (TypeError, ValueError, OverflowError):
@@ -126,7 +130,7 @@ def number(value: Any) -> float:
 
 
 def numbers(dataset: Any) -> np.ndarray | None:
-    """A small data set of numbers (F,), or None."""
+    """The values (F,) of a numeric dataset, or None."""
     if dataset is None or not hasattr(dataset, "shape") or len(dataset.shape) != 1 or dataset.dtype.kind not in "fiu":
         return None
     return np.asarray(dataset[...])

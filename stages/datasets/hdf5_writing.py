@@ -1,4 +1,4 @@
-"""Demonstrations as HDF5 of robomimic and of Minari. Frames are stored as they are."""
+"""Writes demonstrations as robomimic and Minari HDF5. Frames are stored losslessly."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from artifacts.hdf5 import chunk_shape, new_file, room_for
 from stages.datasets import minari, robomimic
 from stages.datasets.export import Export
 
-ROOM = 16 * 1024  # bytes a demonstration, for groups and attributes
-MINARI_VERSION = "0.5.4"  # the first that reads pictures which are no JPEGs
-UNKNOWN = np.float32("nan")  # an action or a reward that nobody recorded
+ROOM = 16 * 1024  # bytes per demonstration for groups and attributes
+MINARI_VERSION = "0.5.4"  # the first version that reads images other than JPEGs
+UNKNOWN = np.float32("nan")  # an action or a reward that was not recorded
 
 
 def write_robomimic(path: Path, export: Export) -> None:
-    """Write the file: observations of all T frames, and what robomimic demands beside them.
+    """Write the file: the T frames as observations, and the other arrays that robomimic requires.
 
-    An action is one number, not a number: zeros would be taken for actions.
+    Actions are a single NaN per step, because zeros could be mistaken for real actions.
 
     Args:
-        path: The file, which is not there yet.
-        export: What to write.
+        path: The file, which must not exist.
+        export: The demonstrations and metadata.
     """
     count, length = export.shape[:2]
     with _new_file(path, export) as file:
@@ -46,11 +46,11 @@ def write_robomimic(path: Path, export: Export) -> None:
 
 
 def write_minari(path: Path, export: Export) -> None:
-    """Write the folder: T observations are T - 1 steps, whose actions have no numbers, and whose rewards are unknown.
+    """Write the folder. T observations make T - 1 steps, with actions of size 0 and NaN rewards.
 
     Args:
-        path: The folder, which is there and empty.
-        export: What to write.
+        path: An existing, empty folder.
+        export: The demonstrations and metadata.
     """
     count, length, height, width = export.shape
     folder = path / "data"

@@ -1,4 +1,4 @@
-"""LeRobotDataset v3: meta/info.json says what there is and where, meta/episodes where each episode begins and ends."""
+"""LeRobotDataset v3: meta/info.json lists features and paths, meta/episodes where each episode begins and ends."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ INFO = "meta/info.json"
 EPISODES = "meta/episodes"
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
-MOST_BYTES = 64 * 2**20  # of info.json
+MOST_BYTES = 64 * 2**20  # maximum size of info.json
 FIELD = re.compile(r"\{(\w+)(?::0?(\d{1,2})d)?\}")
 CONVERTER = "python -m lerobot.scripts.convert_dataset_v21_to_v30"
 
 
 @dataclass
 class LeRobotSet:
-    """What a data set says of itself.
+    """Metadata of a dataset.
 
     Attributes:
-        path: Its folder.
-        fps: Frames a second; 0: it does not tell.
-        camera: The camera that is taken.
-        as_video: Whether its pictures lie in videos, or in the tables.
-        template: Where, from the folder, with fields in braces.
-        notes: What people should know of it.
-        digests: See Episode.
+        path: The dataset's folder.
+        fps: Frames per second; 0 if not recorded.
+        camera: The camera to import.
+        as_video: Whether images are stored in videos rather than in the tables.
+        template: Path of the image files relative to the folder, with fields in braces.
+        notes: Remarks for the user.
+        digests: See `Episode`.
     """
 
     path: Path
@@ -54,14 +54,14 @@ class LeRobotSet:
     _video: tuple[Path, VideoFile] | None = None
 
     def columns(self) -> list[str]:
-        """The columns of meta/episodes that say where an episode is: chunk and file, beginning and end."""
+        """The columns of meta/episodes that locate an episode: chunk and file, beginning and end."""
         if self.as_video:
             kinds = ("chunk_index", "file_index", "from_timestamp", "to_timestamp")
             return [f"videos/{self.camera}/{kind}" for kind in kinds]
         return ["data/chunk_index", "data/file_index", "dataset_from_index", "dataset_to_index"]
 
     def video(self, path: Path) -> VideoFile:
-        """The video file; the last one stays, since episodes follow each other in it."""
+        """The opened video file. The last one is cached because consecutive episodes share a file."""
         if self._video is None or self._video[0] != path:
             check_is_there(path)
             self._video = path, VideoFile(path)
@@ -69,16 +69,16 @@ class LeRobotSet:
 
 
 def read_lerobot(path: Path, wanted: str) -> list[Episode]:
-    """The episodes in their order.
+    """Return the episodes in order of their index.
 
     Args:
         path: The folder.
-        wanted: What --camera names.
+        wanted: The value of --camera.
 
     Raises:
-        ArtifactError: The data set is damaged, of another version, or holds no pictures.
-        UsageError: The camera is not to be told.
-        PlatformError: pyarrow is missing.
+        ArtifactError: The dataset is damaged, has another version, or contains no images.
+        UsageError: The camera is ambiguous or unknown.
+        PlatformError: pyarrow is not installed.
     """
     parquet.arrow()
     info = _info(path)
@@ -93,12 +93,12 @@ def read_lerobot(path: Path, wanted: str) -> list[Episode]:
     episodes = _episodes(found)
     total = info.get("total_episodes")
     if isinstance(total, int) and total > len(episodes):
-        found.notes.append(f"{EPISODES} lacks some of the {total} episodes that {INFO} tells of")
+        found.notes.append(f"{EPISODES} lacks some of the {total} episodes that {INFO} declares")
     return episodes
 
 
 def _info(path: Path) -> dict[str, Any]:
-    """meta/info.json, as far as it is used."""
+    """Read and check meta/info.json."""
     file = path / INFO
     check_is_there(file)
     try:
@@ -109,22 +109,22 @@ def _info(path: Path) -> dict[str, Any]:
         version = re.fullmatch(r"v?(\d+)(\.\d+)*", str(info["codebase_version"]))
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise ArtifactError(
-            f"{file}: is not what LeRobot writes: expected JSON with codebase_version, features"
+            f"{file}: is not a LeRobot info file: expected JSON with codebase_version and features"
         ) from error
     if version is None or int(version[1]) > MAJOR:
-        raise ArtifactError(f"{path}: is a LeRobot data set of version {info['codebase_version']}: expected v{MAJOR}")
+        raise ArtifactError(f"{path}: is a LeRobot dataset of version {info['codebase_version']}: expected v{MAJOR}")
     if int(version[1]) < MAJOR:
         raise ArtifactError(
-            f"{path}: is a LeRobot data set of version {info['codebase_version']}, expected v{MAJOR}: convert it with "
+            f"{path}: is a LeRobot dataset of version {info['codebase_version']}, expected v{MAJOR}: convert it with "
             f"{CONVERTER}"
         )
     if not isinstance(features, dict):
-        raise ArtifactError(f"{file}: has no table of features: get the data set again")
+        raise ArtifactError(f"{file}: has no table of features: download the dataset again")
     return info
 
 
 def _is_camera(feature: Any) -> bool:
-    """Whether a feature is a camera's pictures; depth is none."""
+    """Whether a feature holds camera images. Depth maps do not count."""
     if not isinstance(feature, dict) or feature.get("dtype") not in ("video", "image"):
         return False
     told = [about for about in (feature.get("info"), feature.get("video_info")) if isinstance(about, dict)]
@@ -135,7 +135,7 @@ def _episodes(found: LeRobotSet) -> list[Episode]:
     files = sorted((found.path / EPISODES).glob("*/*.parquet"), key=lambda file: natural_order(file.parent / file.name))
     files.sort(key=lambda file: natural_order(file.parent))
     if not files:
-        raise ArtifactError(f"{found.path}: has no tables in {EPISODES}: download the whole data set")
+        raise ArtifactError(f"{found.path}: has no tables in {EPISODES}: download the whole dataset")
     where = found.columns()
     episodes: dict[int, Episode] = {}
     for file in files:
@@ -144,7 +144,7 @@ def _episodes(found: LeRobotSet) -> list[Episode]:
         lengths = table.get("length") or [None] * len(numbers)
         for number, length, *places in zip(numbers, lengths, *(table[name] for name in where), strict=True):
             if not isinstance(number, int):
-                raise ArtifactError(f"{file}: has an episode without number: get the file again")
+                raise ArtifactError(f"{file}: has an episode without a number: download the file again")
             known = all(isinstance(value, int | float) and np.isfinite(value) for value in places)
             place = _place(found, *map(int, places[:2])) if known else None
             label = f"{found.path}, episode {number}"
@@ -160,13 +160,13 @@ def _episodes(found: LeRobotSet) -> list[Episode]:
 
 
 def _place(found: LeRobotSet, chunk_index: int, file_index: int) -> Path:
-    """The file that the data set's template names. It is filled in here: str.format does whatever a template says."""
+    """The file that the dataset's path template names. It avoids str.format, which is unsafe on untrusted templates."""
     values: dict[str, str | int] = {
         "video_key": found.camera,
         "chunk_index": chunk_index,
         "file_index": file_index,
     }
-    problem = f"{found.path / INFO}: has the path {found.template!r}: expected one such as {DATA_PATH}"
+    problem = f"{found.path / INFO}: has the path {found.template!r}: expected a path like {DATA_PATH}"
 
     def fill(match: re.Match[str]) -> str:
         if match[1] not in values:
@@ -183,21 +183,21 @@ def _open(
     found: LeRobotSet, label: str, place: Path | None, number: int, begin: Any, end: Any, length: int | None
 ) -> Footage:
     if place is None:
-        raise ArtifactError(f"{label}: {EPISODES} does not say where its {found.camera} is")
+        raise ArtifactError(f"{label}: {EPISODES} does not record where its {found.camera} is stored")
     if found.as_video:
         return VideoWindow(label, found.video(place), float(begin), float(end), length or 0, found.notes)
     names = ("episode_index", "frame_index")
     table = parquet.columns(place, names, ["timestamp"])
     rows = np.flatnonzero(np.array(table["episode_index"], float) == number)
     if not len(rows):
-        raise ArtifactError(f"{label}: {place} holds nothing of it: get the data set again")
+        raise ArtifactError(f"{label}: {place} has no rows for it: download the dataset again")
     order = np.argsort(np.array(table["frame_index"], float)[rows], kind="stable")
     if not (np.diff(order) == 1).all():
-        raise ArtifactError(f"{label}: its rows in {place} are out of order: get the data set again")
+        raise ArtifactError(f"{label}: its rows in {place} are out of order: download the dataset again")
     stamps = np.array(table["timestamp"], float)[rows] if "timestamp" in table else None
     expected = int(end) - int(begin)
-    cut = f"is truncated, it holds {len(rows)} of {expected} frames" if len(rows) < expected else ""
-    times, notes = times_of(stamps, len(rows), found.fps, "frame rates are not recorded, and taken as 25 a second")
+    cut = f"is truncated to {len(rows)} of {expected} frames" if len(rows) < expected else ""
+    times, notes = times_of(stamps, len(rows), found.fps, "no frame rate is recorded; 25 frames per second are assumed")
     return StoredFrames(label, times, partial(_pictures, label, place, found.camera, rows), cut, found.notes + notes)
 
 

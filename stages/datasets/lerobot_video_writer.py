@@ -1,4 +1,4 @@
-"""The pictures of a LeRobotDataset: episodes one after the other in H.264 files, or a PNG each."""
+"""Encodes the images of a LeRobotDataset: consecutive episodes in H.264 files, or one PNG per image."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import numpy as np
 from stages.datasets.export import Export
 from stages.datasets.lerobot import VIDEO_PATH
 
-VIDEO_BYTES = 200 * 10**6  # of a file, about
-CHUNK = 1000  # files in a folder
-KEY_EVERY = 2  # frames: whoever trains takes them at random
+VIDEO_BYTES = 200 * 10**6  # approximate size of a file
+CHUNK = 1000  # files per folder
+KEY_EVERY = 2  # frames between keyframes: training reads frames in random order
 
 
 class VideoFiles:
-    """Encodes one episode after the other; a new file where one is full."""
+    """Encodes consecutive episodes, starting a new file when one is full."""
 
     def __init__(self, path: Path, key: str, export: Export) -> None:
         self._path, self._key, self._export = path, key, export
@@ -35,7 +35,7 @@ class VideoFiles:
         self._open.close()
 
     def add(self, frames: np.ndarray) -> dict[str, Any]:
-        """Encode an episode (T, H, W, 3); returns its columns in the table of episodes."""
+        """Encode an episode (T, H, W, 3); return its columns for the table of episodes."""
         import av
 
         if self._file is None or self._file.stat().st_size >= VIDEO_BYTES:
@@ -72,7 +72,7 @@ class VideoFiles:
 
 
 def png(frame: np.ndarray) -> bytes:
-    """A picture (H, W, 3), RGB, uint8, as a PNG."""
+    """Encode an image (H, W, 3), RGB, uint8, as PNG."""
     import cv2
 
     return bytes(cv2.imencode(".png", np.ascontiguousarray(frame[..., ::-1]))[1])

@@ -1,6 +1,6 @@
-"""Demonstrations as a LeRobotDataset v3: one camera, its pictures as PNGs in the tables or in videos of many episodes.
+"""Writes demonstrations as a LeRobotDataset v3: one camera, with PNGs in the tables or videos of many episodes.
 
-There is no action, and no state of a robot: what reads only pictures can use it, what clones behaviour cannot.
+The dataset has no actions and no robot states: code that reads only images can use it, behavior cloning cannot.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from stages.datasets.export import Export
 from stages.datasets.lerobot import DATA_PATH, EPISODES, INFO, VIDEO_PATH
 from stages.datasets.lerobot_video_writer import VIDEO_BYTES, VideoFiles, png
 
-DATA_BYTES = 100 * 10**6  # of a table, about
-CHUNK = 1000  # files in a folder
+DATA_BYTES = 100 * 10**6  # approximate size of a table
+CHUNK = 1000  # files per folder
 PREFIX = "observation.images."
 EPISODES_PATH = f"{EPISODES}/chunk-000/file-000.parquet"
 NUMBERS = {
@@ -33,14 +33,14 @@ NUMBERS = {
 
 
 def write_lerobot(path: Path, export: Export) -> None:
-    """Write the folder.
+    """Write the dataset.
 
     Args:
-        path: The folder, which is there and empty.
-        export: What to write.
+        path: An existing, empty folder.
+        export: The demonstrations and metadata.
 
     Raises:
-        PlatformError: pyarrow is missing.
+        PlatformError: pyarrow is not installed.
     """
     pyarrow = parquet.arrow()
     count, length = export.shape[:2]
@@ -85,7 +85,7 @@ def write_lerobot(path: Path, export: Export) -> None:
 
 
 def _numbers(episode: int, length: int, fps: int) -> dict[str, np.ndarray]:
-    """The columns of an episode, (T,) each."""
+    """The numeric columns of an episode, (T,) each."""
     frame = np.arange(length)
     columns = {
         "timestamp": frame / fps,
@@ -98,10 +98,10 @@ def _numbers(episode: int, length: int, fps: int) -> dict[str, np.ndarray]:
 
 
 class _Tables:
-    """The tables of data: a group of rows an episode, a new file where one is full."""
+    """Writer of the data tables: one row group per episode, and a new file when one is full."""
 
     def __init__(self, path: Path, key: str) -> None:
-        """`key` names the pictures, where they go into the tables."""
+        """Prepare the schema. `key` names the image column; empty if images are stored in videos."""
         self._path, self._key = path, key
         self._index = -1
         self._writer: Any = None
@@ -113,7 +113,7 @@ class _Tables:
             picture = pyarrow.struct([("bytes", pyarrow.binary()), ("path", pyarrow.string())])
             fields.insert(0, pyarrow.field(key, picture))
             described = {key: {"_type": "Image"}, **described}
-        # Where the library of Hugging Face looks for the types of columns.
+        # Hugging Face datasets reads the column types from here.
         self._schema = pyarrow.schema(fields, {"huggingface": json.dumps({"info": {"features": described}})})
 
     def __enter__(self) -> _Tables:
@@ -124,7 +124,7 @@ class _Tables:
             self._writer.close()
 
     def add(self, numbers: Mapping[str, np.ndarray], frames: np.ndarray) -> tuple[int, int]:
-        """Write an episode's rows; returns the numbers of chunk and file."""
+        """Write an episode's rows; return the chunk index and the file index."""
         pyarrow = parquet.arrow()
         if self._writer is None or self._file.stat().st_size >= DATA_BYTES:
             self.__exit__()
@@ -140,7 +140,7 @@ class _Tables:
 
 
 def at(index: int) -> dict[str, int]:
-    """The fields of a path for the file of that number."""
+    """The path template's fields for the file with this index."""
     return {"chunk_index": index // CHUNK, "file_index": index % CHUNK}
 
 
@@ -183,7 +183,7 @@ def _info(export: Export, key: str) -> dict[str, Any]:
 
 
 def _write_tasks(path: Path, task: str) -> None:
-    """The table of tasks as pandas would write it, with the words as its index, under which the library looks."""
+    """Write the table of tasks as pandas would, indexed by the task description, because LeRobot looks it up there."""
     pyarrow = parquet.arrow()
     described = {
         "index_columns": ["task"],

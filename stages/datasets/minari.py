@@ -1,4 +1,4 @@
-"""Minari's HDF5: data/main_data.hdf5 with episode_0/observations, one more of these than there are steps."""
+"""Minari's HDF5 format: data/main_data.hdf5 with episode_0/observations, which has one more entry than steps."""
 
 from __future__ import annotations
 
@@ -17,39 +17,39 @@ if TYPE_CHECKING:
 MAIN = "main_data.hdf5"
 METADATA = "metadata.json"
 OBSERVATIONS = "observations"
-TIMES = "infos/time"  # seconds, one more than there are steps
+TIMES = "infos/time"  # seconds, one more entry than steps
 
 
 def main_file(path: Path) -> Path | None:
-    """The file of data in Minari's folder, whose place is `data/main_data.hdf5`; None: this is no such folder.
+    """The data file of a Minari folder, normally `data/main_data.hdf5`; None if this is not a Minari folder.
 
     Raises:
-        ArtifactError: The data are of Minari's other kind.
+        ArtifactError: The data is stored as Arrow.
     """
     for folder in (path / "data", path):
         if (folder / MAIN).is_file():
             return folder / MAIN
         if (folder / METADATA).is_file() and (folder / "0").is_dir():
-            raise ArtifactError(f"{path}: is a Minari data set stored as Arrow: expected HDF5, with a {MAIN}")
+            raise ArtifactError(f"{path}: is a Minari dataset stored as Arrow: expected HDF5 with {MAIN}")
     return None
 
 
 def is_minari(file: h5py.File) -> bool:
-    """Whether a file has Minari's groups."""
+    """Whether the file has Minari's groups."""
     return any(hdf5.member(file, f"{name}/{OBSERVATIONS}") is not None for name in hdf5.names_in(file))
 
 
 def read_minari(path: Path, file: Path, wanted: str) -> list[Episode]:
-    """The episodes in natural order of their names.
+    """Return the episodes in natural order of their names.
 
     Args:
-        path: What the user named.
-        file: The file of data.
-        wanted: What --camera names.
+        path: The path that the user gave.
+        file: The data file.
+        wanted: The value of --camera.
 
     Raises:
-        ArtifactError: The file is damaged, or holds no pictures.
-        UsageError: The camera is not to be told.
+        ArtifactError: The file is damaged or contains no images.
+        UsageError: The camera is ambiguous or unknown.
     """
     check_is_there(file)
     with hdf5.opened(file) as data:
@@ -61,7 +61,7 @@ def read_minari(path: Path, file: Path, wanted: str) -> list[Episode]:
 
 
 def _cameras(episode: h5py.Group) -> list[str]:
-    """Observations may be the pictures themselves, or hold them under any name."""
+    """Names of the cameras. Observations are either the images themselves or contain them under any name."""
     observations = hdf5.member(episode, OBSERVATIONS)
     if hasattr(observations, "keys"):
         return [f"{OBSERVATIONS}/{name}" for name in hdf5.cameras_in(observations)]

@@ -1,4 +1,4 @@
-"""Parquet files of others, read a few rows at a time."""
+"""Reads Parquet files of other libraries, a few rows at a time."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ import numpy as np
 from artifacts import ArtifactError, PlatformError
 from stages.datasets.episode import check_is_there
 
-AT_A_TIME = 32  # rows with pictures in memory
+AT_A_TIME = 32  # rows with images in memory
 BUFFER = 2**20  # bytes read at a time
 
 
 def arrow() -> Any:
-    """The module pyarrow, with `parquet` in it.
+    """Import and return pyarrow, including `pyarrow.parquet`.
 
     Raises:
-        PlatformError: It is not installed.
+        PlatformError: pyarrow is not installed.
     """
     try:
         import pyarrow
         import pyarrow.parquet
     except ImportError as error:
-        raise PlatformError("LeRobot's data sets need pyarrow: pip install 'ifo[lerobot]'") from error
+        raise PlatformError("LeRobot datasets need pyarrow: pip install 'ifo[lerobot]'") from error
     return pyarrow
 
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """A `pyarrow.parquet.ParquetFile`.
+    """Open a `pyarrow.parquet.ParquetFile`.
 
     Raises:
-        ArtifactError: It is missing or damaged, also where that shows while the block runs.
+        ArtifactError: The file is missing or damaged, even if that is detected only while the block runs.
     """
     pyarrow = arrow()
     check_is_there(path)
@@ -44,20 +44,20 @@ def opened(path: Path) -> Iterator[Any]:
             yield file
     except (pyarrow.ArrowException, OSError, UnicodeError) as error:
         reason = " ".join(str(error).split())
-        raise ArtifactError(f"{path}: is no whole Parquet file ({reason}): get the file again") from error
+        raise ArtifactError(f"{path}: is not a complete Parquet file ({reason}): download it again") from error
 
 
 def columns(path: Path, names: Sequence[str], optional: Sequence[str] = ()) -> dict[str, list[Any]]:
-    """Whole columns of numbers; null is None.
+    """Read whole numeric columns. A null becomes None.
 
     Raises:
-        ArtifactError: The file is missing or damaged, lacks one of `names`, or holds something else there.
+        ArtifactError: The file is missing or damaged, lacks one of `names`, or a column is not numeric.
     """
     types = arrow().types
     with opened(path) as file:
         there = set(file.schema_arrow.names)
         if missing := [name for name in names if name not in there]:
-            raise ArtifactError(f"{path}: has no column {missing[0]}: expected those of LeRobot's data sets, v3")
+            raise ArtifactError(f"{path}: has no column {missing[0]}: expected a table of a LeRobot v3 dataset")
         table = file.read([*names, *(name for name in optional if name in there)])
         for name, kind in zip(table.column_names, table.schema.types, strict=True):
             if not (types.is_integer(kind) or types.is_floating(kind) or types.is_null(kind)):
@@ -66,14 +66,14 @@ def columns(path: Path, names: Sequence[str], optional: Sequence[str] = ()) -> d
 
 
 def rows(path: Path, column: str, wanted: np.ndarray) -> Iterator[Any]:
-    """The values of a column at increasing row numbers, the same number more than once if it is there so.
+    """Yield the values of a column at non-decreasing row numbers. A repeated number yields its value again.
 
     Raises:
-        ArtifactError: The file is damaged, or shorter.
+        ArtifactError: The file is damaged or has fewer rows.
     """
     with opened(path) as file:
         if column not in file.schema_arrow.names:
-            raise ArtifactError(f"{path}: has no column {column}: get the data set again")
+            raise ArtifactError(f"{path}: has no column {column}: download the dataset again")
         begin, sought = 0, list(map(int, wanted))
         for group in range(file.num_row_groups):
             end = begin + file.metadata.row_group(group).num_rows
@@ -91,4 +91,4 @@ def rows(path: Path, column: str, wanted: np.ndarray) -> Iterator[Any]:
                     return
             begin = end
         if sought:
-            raise ArtifactError(f"{path}: ends at row {begin}, before row {sought[0]}: get the file again")
+            raise ArtifactError(f"{path}: ends at row {begin}, before row {sought[0]}: download it again")

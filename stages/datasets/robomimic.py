@@ -1,4 +1,4 @@
-"""robomimic's HDF5: data/demo_0/obs/CAMERA_image (T, H, W, 3), and what else belongs to a demonstration beside it."""
+"""robomimic's HDF5 format: data/demo_0/obs/CAMERA_image (T, H, W, 3) and the other arrays of a demonstration."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from stages.footage.sources import natural_order
 if TYPE_CHECKING:
     import h5py
 
-TIMES = "times"  # ours, beside obs: seconds (T,)
+TIMES = "times"  # our addition, next to obs: seconds (T,)
 
 
 def is_robomimic(file: h5py.File) -> bool:
-    """Whether a file has robomimic's groups."""
+    """Whether the file has robomimic's groups."""
     data = hdf5.member(file, "data")
     return data is not None and hasattr(data, "keys") and next(_demos(data), None) is not None
 
 
 def read_robomimic(path: Path, wanted: str) -> list[Episode]:
-    """The demonstrations in natural order of their names.
+    """Return the demonstrations in natural order of their names.
 
     Args:
         path: The file.
-        wanted: What --camera names.
+        wanted: The value of --camera.
 
     Raises:
-        ArtifactError: The file is damaged, or holds no pictures.
-        UsageError: The camera is not to be told.
+        ArtifactError: The file is damaged or contains no images.
+        UsageError: The camera is ambiguous or unknown.
     """
     with hdf5.opened(path) as file:
         data = hdf5.member(file, "data")
@@ -50,7 +50,7 @@ def _open(path: Path, name: str, camera: str, rate: float) -> StoredFrames:
     with hdf5.opened(path, label) as file:
         demo = hdf5.member(file, f"data/{name}")
         if demo is None:
-            raise ArtifactError(f"{label}: is not there any more: run the command again")
+            raise ArtifactError(f"{label}: no longer exists: run the command again")
         expected = int(hdf5.number(demo.attrs.get("num_samples")))
         stamps = hdf5.numbers(hdf5.member(demo, TIMES))
     return hdf5.footage(path, f"data/{name}/obs/{camera}", label, expected, stamps, rate)
@@ -65,7 +65,7 @@ def _demos(data: h5py.Group) -> Iterator[str]:
 
 
 def _rate(attributes: Any) -> float:
-    """Frames a second by the environment's arguments; 0: they do not tell."""
+    """Frames per second according to the environment's arguments; 0 if they do not record it."""
     try:
         arguments = json.loads(attributes["env_args"])["env_kwargs"]
         return hdf5.number(arguments.get("control_freq"))

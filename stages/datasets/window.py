@@ -1,4 +1,4 @@
-"""A part of a video file, of which many episodes lie in one."""
+"""One episode of a video file that holds several episodes."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ import numpy as np
 from artifacts import ArtifactError
 from stages.footage.video import VideoFile
 
-LEAST, SHARE = 2, 0.02  # frames, or share of them, by which a table may disagree with itself about a length
+LEAST, SHARE = 2, 0.02  # tolerated disagreement of a table about a length, in frames and as a fraction
 
 
 class VideoWindow:
-    """The frames of a video file from one time to another.
+    """The frames of a video file between two times.
 
     Attributes:
-        label: How messages name it.
-        times: Time stamps (F,), seconds from the first.
-        duration: Seconds, the last frame's included.
-        cut: In words, what it lacks; empty for a whole one.
+        label: The name used in messages.
+        times: Timestamps (F,), seconds from the first.
+        duration: Seconds, including the last frame's duration.
+        cut: Description of what is missing; empty if the episode is complete.
     """
 
     def __init__(
@@ -29,52 +29,55 @@ class VideoWindow:
         """Find the frames.
 
         Args:
-            label: How messages name it.
+            label: The name used in messages.
             video: The file.
-            begin: Time stamp of the first frame, seconds.
-            end: That of the first one after it.
-            length: Number of frames; 0: unknown.
-            notes: What people should know.
+            begin: Timestamp of the first frame, seconds.
+            end: Timestamp of the first frame after the episode, seconds.
+            length: Number of frames; 0 if unknown.
+            notes: Remarks for the user.
 
         Raises:
-            ArtifactError: The file ends before, or the times and the length contradict each other.
+            ArtifactError: The file ends before the episode, or the times and the length contradict each other.
         """
         self.label, self._video, self._notes = label, video, list(notes)
         stamps = video.begins + video.times
         period = float(np.median(np.diff(stamps))) if len(stamps) > 1 else max(end - begin, 0.0)
-        # The nearest frame: in long files sums of durations drift off by part of a frame.
+        # Take the nearest frame: in long files the sum of durations drifts by a fraction of a frame.
         first, told = (int(np.searchsorted(stamps, at - period / 2)) for at in (begin, end))
         if not begin < end or (length and abs(round((end - begin) / (period or 1)) - length) > slack(length)):
             raise ArtifactError(
-                f"{label}: lasts from {begin:g} to {end:g} s, but has {length} frames: its tables are damaged"
+                f"{label}: spans {begin:g} to {end:g} s but has {length} frames: its tables are damaged; download the "
+                "dataset again"
             )
         last = min(first + (length or told - first), len(stamps))
         if last <= first:
-            raise ArtifactError(f"{video.label}: ends at {stamps[-1] + period:.2f} s, before {label}: get it again")
+            raise ArtifactError(
+                f"{video.label}: ends at {stamps[-1] + period:.2f} s, before {label}: download it again"
+            )
         self._first = first
         self.times = stamps[first:last] - stamps[first]
         self.duration = float(self.times[-1]) + period
         expected = length or round((end - begin) / (period or 1))
         lacking = expected - len(self.times)
-        self.cut = f"is truncated, it holds {len(self.times)} of {expected} frames" if lacking > slack(expected) else ""
+        self.cut = f"is truncated to {len(self.times)} of {expected} frames" if lacking > slack(expected) else ""
         if lacking > 0 and not self.cut:
-            self._notes.append("videos are a frame or two shorter than their tables say")
+            self._notes.append("videos are one or two frames shorter than their tables state")
 
     @property
     def rotation(self) -> int:
-        """Degrees that pictures are turned by, anticlockwise; known once one was read."""
+        """Counterclockwise rotation applied to images, degrees; known after the first image was read."""
         return self._video.rotation
 
     @property
     def notes(self) -> list[str]:
-        """What people should know, gathered while reading."""
+        """Remarks for the user, collected while reading."""
         return self._notes + self._video.notes
 
     def pictures(self, indices: np.ndarray) -> Generator[tuple[float, np.ndarray], None, None]:
-        """Time and picture (H, W, 3), RGB, uint8, of the frames at these increasing indices.
+        """Yield time and image (H, W, 3), RGB, uint8, of the frames at these increasing indices.
 
         Raises:
-            ArtifactError: One of them cannot be decoded.
+            ArtifactError: A frame cannot be decoded.
         """
         with closing(self._video.pictures(np.asarray(indices) + self._first)) as pictures:
             for index, (_, picture) in zip(indices, pictures, strict=True):
@@ -82,5 +85,5 @@ class VideoWindow:
 
 
 def slack(length: int) -> float:
-    """Frames by which a number of frames may be off."""
+    """Tolerance of a frame count, in frames."""
     return max(LEAST, SHARE * length)

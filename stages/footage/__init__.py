@@ -1,1 +1,1 @@
-"""Real footage: finding videos, reading them frame by frame, and what part of their picture and time is taken."""
+"""Real footage: finding videos, reading them frame by frame, and selecting a crop and a time segment."""

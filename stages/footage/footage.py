@@ -1,4 +1,4 @@
-"""What every kind of footage offers, whatever it is stored as."""
+"""The interface that all kinds of footage share, whatever the storage format."""
 
 from __future__ import annotations
 
@@ -9,35 +9,35 @@ import numpy as np
 
 
 class Footage(Protocol):
-    """A video that is open: its time stamps, and its pictures on demand."""
+    """An open video: its timestamps, and its images on demand."""
 
     @property
     def label(self) -> str:
-        """How messages name it."""
+        """The name used in messages."""
 
     @property
     def times(self) -> np.ndarray:
-        """Time stamps (F,) of all frames, seconds from the first, increasing."""
+        """Timestamps (F,) of all frames, seconds from the first, increasing."""
 
     @property
     def duration(self) -> float:
-        """Seconds, the last frame's included."""
+        """Seconds, including the last frame's duration."""
 
     @property
     def cut(self) -> str:
-        """In words, what a truncated one lacks; empty for a whole one."""
+        """Description of what is missing from a truncated video; empty if it is complete."""
 
     @property
     def rotation(self) -> int:
-        """Degrees that pictures are turned by, anticlockwise; known once one was read."""
+        """Counterclockwise rotation applied to images, degrees; known after the first image was read."""
 
     @property
     def notes(self) -> list[str]:
-        """What people should know, gathered while reading."""
+        """Remarks for the user, collected while reading."""
 
     def pictures(self, indices: np.ndarray) -> Generator[tuple[float, np.ndarray], None, None]:
-        """Time and picture (H, W, 3), RGB, uint8, of the frames at these increasing indices.
+        """Yield time and image (H, W, 3), RGB, uint8, of the frames at these increasing indices.
 
         Raises:
-            ArtifactError: One of them cannot be decoded.
+            ArtifactError: A frame cannot be decoded.
         """

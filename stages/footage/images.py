@@ -10,20 +10,20 @@ import numpy as np
 from artifacts import ArtifactError
 from stages.footage.video import check_size
 
-RATE = 25  # images a second
-ENDS = {b"\x89PNG": b"IEND", b"\xff\xd8": b"\xff\xd9"}  # how a PNG and a JPEG start -> what a whole one ends with
+RATE = 25  # images per second
+ENDS = {b"\x89PNG": b"IEND", b"\xff\xd8": b"\xff\xd9"}  # leading -> trailing bytes of a complete PNG and JPEG
 
 
 class ImageFolder:
-    """Images as frames, 25 a second, in natural order of their names; turned as their EXIF data say.
+    """Images as frames at 25 per second, in natural order of their names, rotated according to their EXIF data.
 
     Attributes:
-        label: The folder, as messages name it.
-        times: Time stamps (F,), seconds.
-        duration: Seconds, the last frame's included.
-        cut: Empty: a folder does not tell what it lacks.
-        rotation: 0: the decoder turns images itself.
-        notes: What people should know.
+        label: The folder, as named in messages.
+        times: Timestamps (F,), seconds.
+        duration: Seconds, including the last frame's duration.
+        cut: Always empty: missing images of a folder cannot be detected.
+        rotation: Always 0: the decoder rotates images itself.
+        notes: Remarks for the user.
     """
 
     def __init__(self, path: Path, images: Sequence[Path]) -> None:
@@ -34,10 +34,10 @@ class ImageFolder:
         self.notes: list[str] = []
 
     def pictures(self, indices: np.ndarray) -> Generator[tuple[float, np.ndarray], None, None]:
-        """Time and picture (H, W, 3), RGB, uint8, of the frames at these increasing indices.
+        """Yield time and image (H, W, 3), RGB, uint8, of the frames at these increasing indices.
 
         Raises:
-            ArtifactError: An image is damaged, or of an absurd size.
+            ArtifactError: An image is damaged or has an implausible size.
         """
         for index in indices:
             yield float(self.times[index]), _read(self._images[index])
@@ -50,16 +50,16 @@ def _read(path: Path) -> np.ndarray:
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error
     image = decoded(data)
     if image is None:
-        raise ArtifactError(f"{path}: is no whole PNG or JPEG: get the file again, or take it out of the folder")
+        raise ArtifactError(f"{path}: is not a complete PNG or JPEG: replace it, or remove it from the folder")
     check_size(str(path), image.shape[1], image.shape[0])
     return image
 
 
 def decoded(data: bytes) -> np.ndarray | None:
-    """The picture (H, W, 3), RGB, uint8, that a PNG or a JPEG holds; None if it is neither, or not whole."""
+    """Decode a PNG or JPEG to an image (H, W, 3), RGB, uint8; None if the data is neither or is incomplete."""
     import cv2
 
-    # Checked here, because the decoder fills up a truncated JPEG with grey.
+    # Checked here because the decoder fills the missing part of a truncated JPEG with gray.
     end = next((end for start, end in ENDS.items() if data.startswith(start)), b"")
     whole = bool(end) and data.rfind(end) >= len(data) // 2
     try:

@@ -1,4 +1,4 @@
-"""A sheet of the first frames, with the part that will be taken drawn on each."""
+"""A contact sheet of first frames with the crop drawn on each."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import numpy as np
 from artifacts import caption, tile_videos
 from stages.footage.crops import Crop
 
-CELL = (180, 240)  # height and width of a picture on the sheet, pixels
-LONGEST = 34  # characters of a name
-GROUND = 128  # behind pictures of other shapes than a cell's
-LINES = (((255, 255, 255), 5), ((220, 0, 0), 2))  # colour and width: red, with a white rim to show on any picture
+CELL = (180, 240)  # height and width of an image on the sheet, pixels
+LONGEST = 34  # maximum number of characters of a name
+GROUND = 128  # gray level behind images whose shape differs from the cell's
+LINES = (((255, 255, 255), 5), ((220, 0, 0), 2))  # color and width: red with a white outline, visible on any image
 
 
 def preview_cell(picture: np.ndarray, crop: Crop, name: str) -> np.ndarray:
-    """The picture (H, W, 3), reduced to a cell, with the crop drawn on it and its name above."""
+    """Scale an image (H, W, 3) to a cell, with the crop drawn on it and its name above."""
     import cv2
 
     height, width = picture.shape[:2]
     scale = min(CELL[0] / height, CELL[1] / width)
     size = max(round(width * scale), 1), max(round(height * scale), 1)
     small = cv2.resize(np.ascontiguousarray(picture), size, interpolation=cv2.INTER_AREA)
-    far = 2 * max(CELL)  # where a crop that reaches beyond the picture ends, out of sight
+    far = 2 * max(CELL)  # out-of-sight end of a crop that extends beyond the image
 
     def at(x: int, y: int) -> tuple[int, int]:
         return round(min(x * scale, far)), round(min(y * scale, far))
@@ -41,7 +41,7 @@ def preview_cell(picture: np.ndarray, crop: Crop, name: str) -> np.ndarray:
 
 
 def preview_sheet(cells: Sequence[np.ndarray]) -> np.ndarray:
-    """Cells in rows, about as wide as high."""
+    """Arrange cells in a grid that is about as wide as it is high."""
     columns = math.ceil(math.sqrt(len(cells)))
     rows = [list(cells[k : k + columns]) for k in range(0, len(cells), columns)]
     return tile_videos(rows, gap=6, scale=1)[0]

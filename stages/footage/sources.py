@@ -1,4 +1,4 @@
-"""What counts as a video: a file, or a folder of images."""
+"""Finds video sources: files and folders of images."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ class Source:
     """A video before it is opened.
 
     Attributes:
-        path: The file, the folder of images, or the data set, as the user named it.
+        path: The file, the folder of images, or the dataset, as the user named it.
         images: The folder's images in natural order of their names; empty for a file.
-        part: What the data set calls this episode; empty for a file or a folder.
-        camera: The data set's camera that filmed it; empty for a file or a folder.
+        part: The dataset's name for this episode; empty for a file or a folder.
+        camera: The dataset's camera that recorded it; empty for a file or a folder.
     """
 
     path: Path
@@ -35,24 +35,24 @@ class Source:
 
     @property
     def label(self) -> str:
-        """How messages and the artifact name it."""
+        """The name used in messages and in the artifact."""
         return f"{self.path}, {self.part}" if self.part else str(self.path)
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """What it lies in."""
+        """The files that contain the video."""
         return self.images or (self.path,)
 
     def open(self) -> Footage:
-        """Its time stamps and pictures.
+        """Open the video.
 
         Raises:
-            ArtifactError: It cannot be read.
+            ArtifactError: The video cannot be read.
         """
         return ImageFolder(self.path, self.images) if self.images else VideoFile(self.path)
 
     def sha256(self) -> str:
-        """Of the file; for a folder of images, of the names and digests of all, in their order."""
+        """SHA-256 of the file; for a folder of images, of all names and digests in order."""
         if not self.images:
             return sha256_of(self.path)
         digest = hashlib.sha256()
@@ -62,25 +62,25 @@ class Source:
 
 
 def natural_order(path: Path) -> tuple[list[str | int], str]:
-    """Sorting key of a file's name: take2 comes before take10."""
+    """Sort key of a file's name: take2 comes before take10."""
     words = re.split(r"(\d+)", path.name.lower())
     return [int(word) if k % 2 else word for k, word in enumerate(words)], path.name
 
 
 def find_videos(path: Path) -> list[Source]:
-    """The video that `path` is; in a folder the videos directly in it, or else its images as one video.
+    """Return the video at `path`; for a folder, the videos directly in it, or else its images as one video.
 
     Raises:
-        ArtifactError: There is no such file, or the folder holds neither videos nor images.
+        ArtifactError: The file does not exist, or the folder contains neither videos nor images.
     """
     try:
         if not path.is_dir():
             if not path.exists():
-                raise ArtifactError(f"{path}: no such file: expected a video, or a folder of videos or images")
+                raise ArtifactError(f"{path}: no such file: expected a video or a folder of videos or images")
             if not path.is_file():
-                raise ArtifactError(f"{path}: is no ordinary file: expected a video, or a folder of videos or images")
+                raise ArtifactError(f"{path}: is not a regular file: expected a video or a folder of videos or images")
             return [Source(path)]
-        # A link to nothing is a file that cannot be read, which is said where it is opened.
+        # Keep broken links: opening them reports that they cannot be read.
         files = sorted((file for file in path.iterdir() if file.is_file() or not file.exists()), key=natural_order)
     except OSError as error:
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error
@@ -89,7 +89,7 @@ def find_videos(path: Path) -> list[Source]:
         return [Source(video) for video in videos]
     if images := _of(files, IMAGES):
         return [Source(path, tuple(images))]
-    raise ArtifactError(f"{path}: holds no video and no image directly in it: name the folder that does")
+    raise ArtifactError(f"{path}: contains no videos or images: pass the folder that directly contains them")
 
 
 def _of(files: Sequence[Path], suffixes: tuple[str, ...]) -> list[Path]:

@@ -1,4 +1,4 @@
-"""A video file, read frame by frame: no more than two of its pictures are in memory at a time."""
+"""Reads a video file frame by frame, with at most two images in memory at a time."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ import numpy as np
 
 from artifacts import ArtifactError, open_video
 
-SMALLEST, LARGEST = 16, 16384  # pixels a side
-WITHOUT_DISPLAY_TIMES = ("avi", "mpeg")  # these do not stamp every frame with its time of display
-STRETCH = 8  # pixels longer than this times their height are a wrong entry
-LOST_FRAMES, LOST_SECONDS = 0.02, 0.2  # headers err a little; more than this share, or time, is missing
+SMALLEST, LARGEST = 16, 16384  # pixels per side
+WITHOUT_DISPLAY_TIMES = ("avi", "mpeg")  # containers that do not store a presentation time for every frame
+STRETCH = 8  # a larger pixel aspect ratio is taken for a wrong header entry
+LOST_FRAMES, LOST_SECONDS = 0.02, 0.2  # tolerance for inexact headers: fraction of frames, and seconds
 
 
 class VideoFile:
-    """A video's time stamps, read from the packets without decoding any, and its pictures on demand.
+    """A video's timestamps, read from the packets without decoding them, and its images on demand.
 
     Attributes:
-        label: The file, as messages name it.
-        times: Time stamps (F,) of all frames, seconds from the first, increasing.
-        begins: Time stamp of the first frame, seconds.
-        duration: Seconds, the last frame's included.
-        cut: In words, what a truncated file lacks; empty for a whole one.
-        rotation: Degrees that pictures are turned by, anticlockwise; known once one was read.
-        notes: What people should know, gathered while reading.
+        label: The file, as named in messages.
+        times: Timestamps (F,) of all frames, seconds from the first, increasing.
+        begins: Timestamp of the first frame, seconds.
+        duration: Seconds, including the last frame's duration.
+        cut: Description of what is missing from a truncated file; empty if it is complete.
+        rotation: Counterclockwise rotation applied to images, degrees; known after the first image was read.
+        notes: Remarks for the user, collected while reading.
     """
 
     def __init__(self, path: Path) -> None:
-        """Read the time stamps.
+        """Read the timestamps.
 
         Raises:
-            ArtifactError: It is no video that can be read.
+            ArtifactError: The file is not a readable video.
         """
         self.path, self.label = path, str(path)
         self.rotation = 0
@@ -51,10 +51,10 @@ class VideoFile:
         self.begins = float(self._stamps[0]) * self._unit
 
     def _scan(self, container: Any, stream: Any) -> None:
-        """Gather stamps, key frames, duration, and what the file lacks of what its header says."""
+        """Collect timestamps, keyframes, the duration, and what is missing compared with the header."""
         import av
 
-        stamps: dict[int, int] = {}  # Stamp -> duration, in the stream's time base.
+        stamps: dict[int, int] = {}  # Timestamp -> duration, in the stream's time base.
         keys: list[int] = []
         packets, broken, ends, decoded_at = 0, False, 0.0, None
         try:
@@ -80,10 +80,10 @@ class VideoFile:
         broken |= container.format.name == "gif" and not _has_trailer(self.path)
         self.cut = _what_is_cut(container, stream, packets, broken, ends)
         if self.cut and decoded_at is not None:
-            # Frames are not stored in their order: whole up to here, with gaps behind.
+            # Frames are not stored in presentation order: complete up to here, with gaps after it.
             stamps = {stamp: length for stamp, length in stamps.items() if stamp <= decoded_at}
         if not stamps:
-            raise ArtifactError(f"{self.path}: holds no frames: expected a video")
+            raise ArtifactError(f"{self.path}: contains no frames: expected a video")
         self._stamps = np.array(sorted(stamps), np.int64)
         self._keys = np.array(sorted(keys), np.int64)
         self._period = float(np.median(np.diff(self._stamps))) if len(stamps) > 1 else 0.0
@@ -91,13 +91,13 @@ class VideoFile:
         self.duration = float(last - self._stamps[0] + (stamps[last] or self._period)) * self._unit
 
     def pictures(self, indices: np.ndarray) -> Generator[tuple[float, np.ndarray], None, None]:
-        """Time and picture (H, W, 3), RGB, uint8, upright and with square pixels, of the frames at these indices.
+        """Yield time and image (H, W, 3), RGB, uint8, upright and with square pixels, of the frames at these indices.
 
         Args:
-            indices: Increasing indices of `times`.
+            indices: Increasing indices into `times`.
 
         Raises:
-            ArtifactError: One of them cannot be decoded.
+            ArtifactError: A frame cannot be decoded.
         """
         wanted = [int(index if self._by_count else self._stamps[index]) for index in indices]
         reader = _ByCount(self.path) if self._by_count else _ByStamp(self.path, self._keys, wanted, 2 * self._period)
@@ -106,16 +106,16 @@ class VideoFile:
                 frame = reader.frame(what)
                 if frame is None or frame.is_corrupt:
                     raise ArtifactError(
-                        f"{self.path}: cannot be decoded at {self.times[index]:.2f} s: get the file again, or take "
+                        f"{self.path}: cannot be decoded at {self.times[index]:.2f} s: replace the file, or choose "
                         "another segment with --start and --end"
                     )
                 if frame.interlaced_frame and not self.notes:
-                    self.notes.append("interlaced: each frame mixes the lines of two moments")
+                    self.notes.append("interlaced: each frame mixes lines from two points in time")
                 by_stamp = (frame.pts or 0) - self._stamps[0]
                 yield float(self.times[index] if self._by_count else by_stamp * self._unit), self._upright(frame)
 
     def _upright(self, frame: Any) -> np.ndarray:
-        """The frame as a player shows it, (H, W, 3)."""
+        """The frame as a player displays it, (H, W, 3)."""
         width = max(round(frame.width * self._stretch), 1)
         picture = frame.reformat(width=width, format="rgb24").to_ndarray()
         mirrored, angle = _orientation(frame)
@@ -125,7 +125,7 @@ class VideoFile:
 
 
 class _ByStamp:
-    """Frames by their time stamps; goes to the nearest key frame before, where that is ahead."""
+    """Reads frames by timestamp. Seeks to the last keyframe before a frame if that is ahead of the current position."""
 
     def __init__(self, path: Path, keys: np.ndarray, wanted: Sequence[int], slack: float) -> None:
         self._path, self._keys = path, keys
@@ -137,19 +137,19 @@ class _ByStamp:
         self._open.close()
 
     def frame(self, stamp: int) -> Any:
-        """The frame of that stamp, later than the last one asked for; None if it cannot be decoded."""
+        """Return the frame with this timestamp, later than the previous one; None if it cannot be decoded."""
         before = np.searchsorted(self._keys, stamp, side="right")
         key = int(self._keys[before - 1]) if before else None
         if key is not None and key > self._keys[0] and (self._held is None or key > self._held.pts):
             self._go_to(key)
         found = self._forward_to(stamp)
-        if found is None and self._sought:  # Not every file lets one go to where one wants.
+        if found is None and self._sought:  # Seeking does not work in every file.
             self._go_to(None)
             found = self._forward_to(stamp)
         return found
 
     def _go_to(self, key: int | None) -> None:
-        """Go on at a key frame; None: at the beginning, where some files cannot be sent back to."""
+        """Continue at a keyframe; None reopens the file, because some files cannot seek back to the beginning."""
         if key is None:
             self._open.close()
             self._container, self._stream = self._open.enter_context(_opened(self._path))
@@ -166,13 +166,13 @@ class _ByStamp:
             if self._next is None or self._next.pts > stamp:
                 break
             self._held, self._next = self._next, None
-        # Some packets hold no picture of their own (hidden frames): what is shown is the one before.
+        # Some packets have no image (hidden frames): the previous image stays on display.
         near = self._held is not None and stamp - self._held.pts <= self._slack
         return self._held if near else None
 
 
 class _ByCount:
-    """Frames by their number, decoding from the beginning: for containers that keep no times of display."""
+    """Reads frames by number, decoding from the beginning: for containers without presentation times."""
 
     def __init__(self, path: Path) -> None:
         self._open = ExitStack()
@@ -182,16 +182,16 @@ class _ByCount:
         self._open.close()
 
     def frame(self, number: int) -> Any:
-        """The frame of that number, from 0, later than the last one asked for; None if the video ends before."""
+        """Return the frame with this number, from 0, later than the previous one; None if the video ends before it."""
         return next((frame for count, frame in self._frames if count == number), None)
 
 
 def _decoded(container: Any, stream: Any, wanted: frozenset[int] | None) -> Iterator[Any]:
-    """Frames from where the container stands, decoding what is wanted and the frames that others refer to."""
+    """Yield frames from the current position, decoding only wanted frames and reference frames."""
     import av
 
     context = stream.codec_context
-    # Decoders of other libraries (libdav1d for AV1) read skip_frame only once, when they open.
+    # External decoders (libdav1d for AV1) read skip_frame only once, when they are opened.
     skips = not context.name.startswith("lib")
     try:
         for packet in container.demux(stream):
@@ -216,7 +216,7 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
 
 
 def _open(path: Path) -> tuple[Any, Any]:
-    """The container and its first video stream, pictures of covers aside."""
+    """Open the container and find its first video stream that is not cover art."""
     import av
 
     try:
@@ -225,12 +225,12 @@ def _open(path: Path) -> tuple[Any, Any]:
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error
     except (av.error.FFmpegError, OSError, ValueError) as error:
         empty = path.is_file() and not path.stat().st_size
-        what = "is empty" if empty else "is no video, or a truncated one"
+        what = "is empty" if empty else "is not a video, or is truncated"
         raise ArtifactError(f"{path}: {what}: expected MP4, MOV, AVI, WebM or GIF") from error
-    problem = "holds no video stream: expected a video"
+    problem = "contains no video stream: expected a video"
     for stream in container.streams.video:
         if stream.codec_context is None:
-            problem = "is of a video format that cannot be decoded here: convert it to H.264"
+            problem = "uses a codec that cannot be decoded here: convert it to H.264"
         elif not stream.disposition & av.stream.Disposition.attached_pic:
             return container, stream
     container.close()
@@ -238,38 +238,38 @@ def _open(path: Path) -> tuple[Any, Any]:
 
 
 def check_size(label: str, width: int, height: int) -> None:
-    """Raise ArtifactError for pictures that no camera makes."""
+    """Raise ArtifactError for image sizes that no camera produces."""
     if not (SMALLEST <= width <= LARGEST and SMALLEST <= height <= LARGEST):
         raise ArtifactError(
-            f"{label}: its picture has {width}x{height} pixels: expected {SMALLEST} to {LARGEST} a side"
+            f"{label}: its image has {width}x{height} pixels: expected {SMALLEST} to {LARGEST} per side"
         )
 
 
 def _what_is_cut(container: Any, stream: Any, packets: int, broken: bool, ends: float) -> str:
-    """In words, what the file lacks of what its header says; empty if nothing."""
+    """Description of what is missing compared with the header; empty if nothing is."""
     lost = stream.frames - packets
     if lost > max(1, LOST_FRAMES * stream.frames):
-        return f"is truncated, it holds {packets} of {stream.frames} frames"
-    # Other containers' durations are guesses of FFmpeg's.
+        return f"is truncated to {packets} of {stream.frames} frames"
+    # For other containers FFmpeg only estimates the duration.
     if container.format.name.startswith("matroska") and container.duration:
         declared = container.duration / 1e6
         if declared - ends > max(LOST_SECONDS, LOST_FRAMES * declared):
-            return f"is truncated, it holds {ends:.2f} of {declared:.2f} s"
+            return f"is truncated to {ends:.2f} of {declared:.2f} s"
     return "is damaged or truncated" if broken else ""
 
 
 def _has_trailer(path: Path) -> bool:
-    """Whether a GIF ends as all do, whose header does not tell how long they are."""
+    """Whether a GIF has its trailer. Its header does not record the length."""
     with open(path, "rb") as file:
         file.seek(max(path.stat().st_size - 64, 0))
         return file.read().rstrip(b"\0\r\n ").endswith(b";")
 
 
 def _orientation(frame: Any) -> tuple[bool, float]:
-    """Whether to mirror the frame, left for right, and by how many degrees to turn it then, anticlockwise."""
+    """Whether to mirror the frame horizontally, and by how many degrees to rotate it counterclockwise afterwards."""
     try:
         matrix = frame.side_data.get("DISPLAYMATRIX")
-    except ValueError:  # Side data that PyAV has no name for: it tells the angle nonetheless.
+    except ValueError:  # PyAV does not know this kind of side data, but still provides the angle.
         return False, float(frame.rotation)
     if matrix is None:
         return False, 0.0

@@ -53,8 +53,8 @@ def test_from_footage_to_a_policy(ifo, tmp_path, reward):
 def test_footage_replaces_nothing_and_lies_apart(ifo, tmp_path):
     (tmp_path / "footage").mkdir()
     for words, complaint in (
-        (("--videos", "footage"), "--videos footage: exists already"),
-        (("--videos", "runs"), "is to lie there, too"),
+        (("--videos", "footage"), "--videos footage: already exists"),
+        (("--videos", "runs"), "would be written into it"),
         (("--crf", 10), "--crf 10 has no effect without --videos: give --videos, too"),
     ):
         code, out, said = ifo("collect-demos", "push-real", "-n", 4, *words, *TOY)
@@ -75,6 +75,6 @@ def test_footage_appears_with_its_artifact_or_not_at_all(ifo, tmp_path, monkeypa
 def test_nobody_else_demonstrates_a_household_task(ifo, tmp_path):
     words = ("--iterations", 1, "--episodes", 4, "--test-contexts", 2, "--test-episodes", 2)
     code, expert, said = ifo("train-expert", "push-real", *words, *TOY)
-    assert code == 0 and "push-real brings somebody who demonstrates it" in said
+    assert code == 0 and "push-real has a scripted demonstrator" in said
     code, out, said = ifo("collect-demos", "push-real", "-n", 4, "--expert", expert, *TOY)
-    assert (code, out) == (2, "") and "brings somebody who demonstrates it" in said
+    assert (code, out) == (2, "") and "has a scripted demonstrator" in said

@@ -17,7 +17,7 @@ def test_without_the_expert_there_is_a_target_but_no_truth(toy, ifo, tmp_path):
     out = tmp_path / "x.translation.h5"
     done = ifo(tmp_path, "translate", translator, "--out", out)
     assert done.returncode == 0, done.stderr
-    assert "not known" in done.stderr
+    assert "no comparison with an expert video" in done.stderr
     target = read_artifact(out)
     np.testing.assert_array_equal(target["target_images"], read_artifact(toy.artifact("translation"))["target_images"])
     assert "expert_frames" not in target

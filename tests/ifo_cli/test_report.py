@@ -73,21 +73,21 @@ def test_json(run_ifo, evaluation, tmp_path):
 def test_files_named_twice_count_once_and_runs_twice_there_are_said(run_ifo, evaluation, tmp_path):
     first, out = evaluation("first"), tmp_path / "page.html"
     code, _, err = run_ifo("report", first, first.parent, "--out", out)
-    assert code == 0 and "count once" not in err and "Runs: 1, of evaluation artifacts: 1" in out.read_text()
+    assert code == 0 and "counted once" not in err and "Runs: 1, of evaluation artifacts: 1" in out.read_text()
     link = tmp_path / "link.evaluation.h5"
     link.symlink_to(first)
     code, _, err = run_ifo("report", first, link, "--out", out)
-    assert code == 0 and "count once" not in err
+    assert code == 0 and "counted once" not in err
     second = evaluation("second")
     code, _, err = run_ifo("report", first, second, "--out", out)
-    assert code == 0 and "count once" in err and str(first) in err and str(second) in err
+    assert code == 0 and "counted once" in err and str(first) in err and str(second) in err
     assert "Runs: 1, of evaluation artifacts: 2" in out.read_text()
 
 
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
-        ("empty-folder", ["holds no evaluation", "ifo evaluate"]),
+        ("empty-folder", ["contains no evaluation", "ifo evaluate"]),
         ("missing", ["no such file", "ifo evaluate"]),
         ("wrong-kind", ["is a demos artifact, expected an evaluation"]),
         ("truncated", ["truncated or damaged"]),

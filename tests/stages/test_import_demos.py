@@ -45,12 +45,12 @@ GOOD = {
 }
 BAD = {
     "empty.mp4": "is empty",
-    "headless.mp4": "is no video, or a truncated one",
-    "no-frames.mkv": "holds no frames",
-    "one-frame.mp4": "holds a single frame",
-    "playlist.mp4": "is no video",
-    "sound.mp4": "holds no video stream",
-    "text.mp4": "is no video",
+    "headless.mp4": "is not a video, or is truncated",
+    "no-frames.mkv": "contains no frames",
+    "one-frame.mp4": "has only one frame",
+    "playlist.mp4": "is not a video",
+    "sound.mp4": "contains no video stream",
+    "text.mp4": "is not a video",
     "tiny.mkv": "2x2 pixels: expected 16 to 16384",
     "truncated.gif": "is damaged or truncated",
     "truncated.mkv": "is truncated",
@@ -161,7 +161,7 @@ def test_strict_makes_a_bad_video_fatal_and_writes_nothing(ifo, folder, tmp_path
 
 def test_nothing_usable_is_an_error(ifo, folder, tmp_path):
     code, printed, said = ifo(folder / "text.mp4", tmp_path / "gone.mp4", out=tmp_path / "new" / "x.demos.h5")
-    assert (code, printed) == (3, None) and "none of 2 videos" in said and not (tmp_path / "new").exists()
+    assert (code, printed) == (3, None) and "none of the 2 videos" in said and not (tmp_path / "new").exists()
 
 
 @pytest.mark.parametrize(
@@ -179,23 +179,23 @@ def test_segments(ifo, folder, name, words, expected):
     code, result, said = ifo(folder / name, *words)
     assert code == 0, said
     assert numbers(result["path"])[name] == expected
-    assert ("rest on their last frame" in said) == (expected[-3:] == [24] * 3)
-    assert ("taken twice" in said) == (words == ["--start", 2.1])
+    assert ("repeat their last frame" in said) == (expected[-3:] == [24] * 3)
+    assert ("repeat some of them" in said) == (words == ["--start", 2.1])
 
 
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (["--start", 2.5], "not beyond --start"),
-        (["--end", 2.51], "lasts 2.50 s, less than --end 2.51"),
+        (["--start", 2.5], "does not reach --start"),
+        (["--end", 2.51], "is 2.50 s long, less than --end 2.51"),
         (["--end", 4], "less than --end 4"),
-        (["--start", 0.51, "--end", 0.59], "single frame"),
-        (["--crop", "30,0,48,48"], "reaches beyond its picture of 64x48"),
+        (["--start", 0.51, "--end", 0.59], "only one frame"),
+        (["--crop", "30,0,48,48"], "extends beyond its image of 64x48"),
     ],
 )
 def test_a_video_that_does_not_reach_is_left_out(ifo, folder, words, complaint):
     code, _, said = ifo(folder / "b-frames.mp4", *words)
-    assert code == 3 and complaint in said and said.splitlines()[-1].startswith("ifo: none of 1 videos")
+    assert code == 3 and complaint in said and said.splitlines()[-1].startswith("ifo: none of the 1 videos")
 
 
 def test_a_link_to_nothing_is_named_and_counted(ifo, folder, tmp_path):
@@ -218,13 +218,13 @@ def test_videos_that_the_tasks_learner_does_not_have_are_told_of(ifo, folder):
 @pytest.mark.parametrize("name", ["truncated.mp4", "truncated.mkv"])
 def test_what_is_left_of_a_truncated_video_can_be_used(ifo, folder, name):
     code, result, said = ifo(folder / name, "--end", 0.6)
-    assert code == 0 and "truncated or damaged, but whole where" in said
+    assert code == 0 and "truncated or damaged, but complete in" in said
     assert numbers(result["path"])[name] == [0, 1, 2, 3, 4, 5, 6]
     assert ifo(folder / name, "--fps", 3)[0] == 3
     there = float(re.search(r"up to (\d+\.\d+) s", ifo(folder / name)[2]).group(1))
     assert ifo(folder / name, "--end", there)[0] == 0
     code, _, said = ifo(folder / name, "--end", there + 0.02)
-    assert code == 3 and ("a segment that is there" in said or "less than --end" in said)
+    assert code == 3 and ("use --end to take a segment" in said or "less than --end" in said)
 
 
 def test_images_in_natural_order(ifo, tmp_path):
@@ -243,10 +243,10 @@ def test_images_in_natural_order(ifo, tmp_path):
     assert numbers(result["path"])["shots"] == [0, 2, 4, 6, 8, 10, 12]
     (shots / "shot13.jpg").write_bytes(data[:-200])
     code, _, said = ifo(shots)
-    assert code == 3 and "shot13.jpg: is no whole PNG or JPEG" in said
+    assert code == 3 and "shot13.jpg: is not a complete PNG or JPEG" in said
     (shots / "shot13.jpg").unlink()
     write_png(shots / "shot12.png", picture(11, 40, 64))
-    assert "changes its picture size" in ifo(shots)[2]
+    assert "image size changes" in ifo(shots)[2]
 
 
 def test_crops(ifo, folder, tmp_path):
@@ -257,7 +257,7 @@ def test_crops(ifo, folder, tmp_path):
     table.write_text(f"video,x,y,w,h\nphone.mp4, 0, 8, 48, 48\n{folder / 'b-frames.mp4'},8,0,48,48\nold.mp4,0,0,9,9\n")
     _, result, said = ifo(folder / "b-frames.mp4", folder / "phone.mp4", "--crop-file", table)
     assert numbers(result["path"]) == {"b-frames.mp4": EVEN, "phone.mp4": EVEN}
-    assert "rows for no video here: old.mp4" in said
+    assert "rows that match no video: old.mp4" in said
     code, _, said = ifo(folder / "b-frames.mp4", folder / "variable.mp4", "--crop-file", table)
     assert code == 3 and f"has no row for {folder / 'variable.mp4'}: add one" in said.splitlines()[-1]
 
@@ -269,9 +269,9 @@ def test_crops(ifo, folder, tmp_path):
         ("video,x,y,w,h\na,1,2,3\n", "line 2: expected x,y,w,h"),
         ("video,x,y,w,h\na,1,2,3,0\n", "line 2: expected x,y,w,h"),
         ("video,x,y,w,h\na,1,2,3,4\na,1,2,3,4\n", "second row for a"),
-        ("x,y,w,h,video\n1,2,3,4\n", "line 2: expected a video's name"),
-        ("video,x,y,w,h\na\0b,1,2,3,4\n", "line 2: expected a video's name"),
-        ("\xff", "no CSV in UTF-8"),
+        ("x,y,w,h,video\n1,2,3,4\n", "line 2: expected the name of a video"),
+        ("video,x,y,w,h\na\0b,1,2,3,4\n", "line 2: expected the name of a video"),
+        ("\xff", "not a UTF-8 CSV file"),
     ],
 )
 def test_bad_crop_files(ifo, folder, tmp_path, text, words):
@@ -291,7 +291,7 @@ def test_preview_shows_the_crop_and_writes_nothing_else(ifo, folder, tmp_path):
 @pytest.mark.parametrize("crop", ["30,0,48,48", f"0,0,{10**15},9"])
 def test_preview_shows_a_crop_that_reaches_beyond_the_picture(ifo, folder, crop):
     code, result, said = ifo(folder / "b-frames.mp4", "--preview", "--crop", crop)
-    assert code == 0 and "reaches beyond its picture of 64x48" in said
+    assert code == 0 and "extends beyond its image of 64x48" in said
     assert (read_png(result["path"]) == (220, 0, 0)).all(axis=-1).sum() > 100
 
 
@@ -354,7 +354,7 @@ def test_what_follows_works_on_imported_videos(ifo, folder, tmp_path, capfd):
     ifo(*videos[:3])
     capfd.readouterr()
     assert main(["train-translator", result["path"], *training]) == 3
-    assert "expected 4 or more: import more videos" in capfd.readouterr().err
+    assert "expected at least 4: import more videos" in capfd.readouterr().err
 
 
 @pytest.mark.gl
@@ -366,5 +366,5 @@ def test_a_simulated_learners_context_has_the_task_and_the_presets_distribution(
     assert frame.shape == (48, 48, 3) and expert is None
     same = learner_context(make_task("reach"), 0, distribution("narrow"))
     assert all(np.array_equal(contexts[name], same[name]) for name in same)
-    with pytest.raises(UsageError, match=r"holds 7 frames of 48x48 .* expected 25 of 48x48, as reach has them"):
+    with pytest.raises(UsageError, match=r"has videos of 7 frames of 48x48 .* 25 of 48x48 are needed for reach"):
         _simulate_context(TranslateConfig(), read_artifact(ifo(*words)[1]["path"]), run)

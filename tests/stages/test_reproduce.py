@@ -220,7 +220,7 @@ def test_no_more_jobs_at_a_time_than_cores(tmp_path, monkeypatch):
 def test_killed_and_begun_again_it_repeats_at_most_what_was_running(begin, tmp_path):
     first = begin()
     said, _ = begin(wait=False).communicate(timeout=60)
-    assert "another `ifo reproduce` is at work" in said
+    assert "another `ifo reproduce` is running" in said
     os.killpg(first.pid, signal.SIGKILL)
     first.wait()
     (tmp_path / "go").touch()

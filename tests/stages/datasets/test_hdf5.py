@@ -68,7 +68,7 @@ def test_frame_rates_that_nobody_recorded(ifo, file):
     with h5py.File(file, "r+") as data:
         data["data"].attrs["env_args"] = json.dumps({"env_kwargs": None})
     code, result, said = ifo(file)
-    assert code == 0 and "taken as 25 a second (3 of 3" in said
+    assert code == 0 and "25 frames per second are assumed (3 of 3" in said
     assert read_artifact(result["path"])["times"][0, -1] == pytest.approx(8 / 25)
 
 
@@ -118,17 +118,20 @@ def shorter(file, data):
 
 WHOLE = {
     "truncated": (truncate, "is truncated or damaged"),
-    "external link": (external, "is a link, which is not followed"),
+    "external link": (external, "is a link, and links are not followed"),
     "soft link": (lambda file, data: link(data, h5py.SoftLink("/data/demo_1/obs/agentview_image")), "is a link"),
-    "virtual": (virtual, "lies in another file, which is not read"),
-    "raw file": (raw, "lies in another file, which is not read"),
+    "virtual": (virtual, "is stored in another file, which is not read"),
+    "raw file": (raw, "is stored in another file, which is not read"),
     "no pictures": (
         lambda file, data: [demo.__delitem__("obs/agentview_image") for demo in data["data"].values()],
-        "holds no pictures",
+        "contains no images",
     ),
-    "no demos": (lambda file, data: data.__delitem__("data"), "is HDF5 of another layout"),
+    "no demos": (lambda file, data: data.__delitem__("data"), "is HDF5 with an unknown layout"),
 }
-PARTS = {"pictures gone": (pictures_gone, "is not there, or holds no pictures"), "short": (shorter, "it holds 9 of 40")}
+PARTS = {
+    "pictures gone": (pictures_gone, "is missing or contains no images"),
+    "short": (shorter, "is truncated to 9 of 40 frames"),
+}
 
 
 @pytest.mark.parametrize("fault", WHOLE)
@@ -165,7 +168,7 @@ def test_damage_that_shows_when_frames_are_read(ifo, file):
     ("content", "words"),
     [
         (b"", "is empty"),
-        (b"text", "is no HDF5 file"),
+        (b"text", "is not an HDF5 file"),
         (b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
     ],
 )
@@ -179,7 +182,7 @@ def test_an_artifact_is_no_data_set(ifo, tmp_path):
     path = tmp_path / "x.demos.h5"
     write_artifact(path, "demos", {"frames": np.zeros((1, 2, 16, 16, 3), np.uint8)}, config={}, seed=0, command="x")
     code, _, said = ifo(path)
-    assert code == 3 and "is an artifact of ifo already" in said
+    assert code == 3 and "is already an ifo artifact" in said
 
 
 @pytest.fixture

@@ -59,7 +59,7 @@ def test_what_is_taken_is_chosen_as_for_videos(ifo, numbers, data_set, tmp_path)
     assert numbers(result["path"]) == [[number(k, frame) for frame in (1, 2, 3)] for k in range(3)]
     _, result, said = ifo(data_set, "--fps", 5, "--start", 0.2)
     assert numbers(result["path"])[1] == [number(1, frame) for frame in (2, 4, 4)]
-    assert "rest on their last frame" in said
+    assert "repeat their last frame" in said
     (tmp_path / "crops.csv").write_text(f"video,x,y,w,h\n{data_set},8,0,48,48\n")
     code, result, said = ifo(data_set, "--crop-file", tmp_path / "crops.csv", "--size", "32x32")
     assert code == 0 and numbers(result["path"]) == EXPECTED, said
@@ -76,7 +76,7 @@ def test_a_data_set_among_videos(ifo, numbers, data_set, tmp_path):
     code, result, _ = ifo(take, data_set, data_set)
     assert code == 0 and numbers(result["path"]) == [[0, 2, 4], *EXPECTED]
     code, _, said = ifo(take, "--camera", "front")
-    assert code == 2 and "only data sets have named cameras" in said
+    assert code == 2 and "only datasets have named cameras" in said
 
 
 @pytest.mark.parametrize("camera", [FRONT, "front"])
@@ -128,9 +128,9 @@ BAD = {
     "no table": (lambda path: (path / "meta/info.json").write_text("[]"), "expected JSON with codebase_version"),
     "deep": (lambda path: (path / "meta/info.json").write_text("[" * 100000), "expected JSON with codebase_version"),
     "no features": (lambda path: edit_info(path, features=[]), "no table of features"),
-    "no camera": (lambda path: edit_info(path, features={}), "holds no pictures"),
+    "no camera": (lambda path: edit_info(path, features={}), "contains no images"),
     "no episodes": (lambda path: shutil.rmtree(path / "meta/episodes"), "no tables in meta/episodes"),
-    "cut table": (lambda path: cut_short(path / TABLE), "file-000.parquet: is no whole Parquet file"),
+    "cut table": (lambda path: cut_short(path / TABLE), "file-000.parquet: is not a complete Parquet file"),
     "table of LFS": (lambda path: pointer(path / TABLE), "run git lfs pull"),
     "out of the folder": (lambda path: edit_info(path, video_path="../{video_key}.mp4"), "has the path '../{video_key"),
     "to the root": (lambda path: edit_info(path, video_path="/etc/{video_key}"), "has the path '/etc"),
@@ -143,16 +143,19 @@ BAD = {
         "has the path '{file_index:0999999999d}",
     ),
     "unknown field": (lambda path: edit_info(path, video_path="{episode_index:06d}.mp4"), "has the path '{episode_in"),
-    "numbers missing": (lambda path: edit_episodes(path, lambda row: row.update(episode_index=None)), "without number"),
+    "numbers missing": (
+        lambda path: edit_episodes(path, lambda row: row.update(episode_index=None)),
+        "without a number",
+    ),
 }
 SOME_BAD = {
-    "video missing": (lambda path: (path / VIDEO).unlink(), "file-000.mp4: no such file: download the whole data set"),
+    "video missing": (lambda path: (path / VIDEO).unlink(), "file-000.mp4: no such file: download the whole dataset"),
     "video of LFS": (lambda path: pointer(path / VIDEO), "file-000.mp4: is a Git LFS pointer"),
     "video empty": (lambda path: (path / VIDEO).write_bytes(b""), "file-000.mp4: is empty"),
-    "video cut": (lambda path: cut_short(path / VIDEO), "file-000.mp4: is no video, or a truncated one"),
+    "video cut": (lambda path: cut_short(path / VIDEO), "file-000.mp4: is not a video, or is truncated"),
     "no place": (
         lambda path: edit_episodes(path, lambda row: row["episode_index"] < 2 and row.update({PLACE: None})),
-        f"does not say where its {FRONT} is",
+        f"does not record where its {FRONT} is stored",
     ),
     "contradiction": (
         lambda path: edit_episodes(path, lambda row: row["episode_index"] < 2 and row.update(length=50)),
@@ -176,7 +179,7 @@ def test_a_bad_data_set_is_one_line(ifo, data_set, tmp_path, fault):
     code, printed, said = ifo(data_set)
     skipped, last = said.splitlines()
     assert (code, printed) == (3, None) and skipped.startswith(f"skipped {data_set}") and words in skipped
-    assert last == "ifo: none of 1 videos can be used: nothing is written"
+    assert last == "ifo: none of the 1 videos can be used: nothing was written"
     code, _, said = ifo(data_set, "--strict")
     assert code == 3 and said.count("\n") == 1 and "--strict" in said and not (tmp_path / "out").exists()
 
@@ -198,10 +201,10 @@ def test_what_is_left_of_a_truncated_video_can_be_used(ifo, numbers, tmp_path):
     shorter = lerobot(tmp_path / "shorter", (9, 5), per_file=3) / VIDEO
     shutil.copy(shorter, video)
     code, result, said = ifo(path)
-    assert code == 0 and "episode 1: is truncated, it holds 5 of 9 frames" in said and "before" in said
+    assert code == 0 and "episode 1: is truncated to 5 of 9 frames" in said and "before" in said
     assert numbers(result["path"]) == [[number(0, frame) for frame in (0, 4, 8)]]
     code, result, said = ifo(path, "--end", 0.4)
-    assert code == 0 and len(numbers(result["path"])) == 2 and "whole where frames are taken" in said
+    assert code == 0 and len(numbers(result["path"])) == 2 and "complete in the selected segment" in said
 
 
 def test_damaged_pictures_and_missing_rows(ifo, numbers, tmp_path):
@@ -213,11 +216,13 @@ def test_damaged_pictures_and_missing_rows(ifo, numbers, tmp_path):
     pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows[:-3]), file)
     code, _, said = ifo(path)
     assert code == 3, said
-    assert said.count("a frame is no whole PNG or JPEG") == 2 and "it holds 4 of 7 frames" in said
+    assert said.count("a frame is not a complete PNG or JPEG") == 2 and "is truncated to 4 of 7 frames" in said
     cut_short(file)
     code, _, said = ifo(path)
     assert (
-        code == 3 and said.count("is no whole Parquet file") == 1 and "skipped 2 more for the same reason" not in said
+        code == 3
+        and said.count("is not a complete Parquet file") == 1
+        and "skipped 2 more for the same reason" not in said
     )
 
 
@@ -229,7 +234,7 @@ def test_a_data_set_that_was_not_downloaded_whole_says_so(ifo, data_set):
 
 def test_a_table_is_no_data_set_but_its_folder_is(ifo, data_set):
     code, _, said = ifo(data_set / "data/chunk-000/file-000.parquet")
-    assert code == 3 and "name its folder, the one with meta/info.json in it" in said and said.count("\n") == 2
+    assert code == 3 and "pass the dataset folder, which contains meta/info.json" in said and said.count("\n") == 2
 
 
 def test_without_pyarrow_a_line_says_what_to_install(ifo, data_set, monkeypatch):

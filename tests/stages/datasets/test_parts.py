@@ -39,8 +39,8 @@ def test_an_only_camera_need_not_be_named(tmp_path):
 @pytest.mark.parametrize(
     ("cameras", "wanted", "kind", "message"),
     [
-        ([], "", ArtifactError, "holds no pictures"),
-        ([], "front", ArtifactError, "holds no pictures"),
+        ([], "", ArtifactError, "contains no images"),
+        ([], "front", ArtifactError, "contains no images"),
         (CAMERAS, "", UsageError, r"has the cameras observation\.images\.front, .*: choose one with --camera"),
         (CAMERAS, "top", UsageError, r"--camera top: .* has no such camera: expected observation\.images\.front, "),
         (["a/front", "b/front"], "front", UsageError, "--camera front"),
@@ -99,7 +99,7 @@ def test_episodes_of_one_file_read_it_once_and_open_themselves(tmp_path, monkeyp
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (None, "no such file: download the whole data set"),
+        (None, "no such file: download the whole dataset"),
         (b"", "is empty"),
         (b"version https://git-lfs.github.com/spec/v1\n", "is a Git LFS pointer .*git lfs pull"),
     ],
@@ -153,7 +153,7 @@ def test_stored_pictures_are_footage():
 
 def test_stored_pictures_of_an_absurd_size_are_refused():
     stored = StoredFrames("x, demo_0", np.arange(2.0), lambda at: iter([np.zeros((20, 9, 3), np.uint8)]))
-    with pytest.raises(ArtifactError, match=r"x, demo_0: its picture has 9x20 pixels"):
+    with pytest.raises(ArtifactError, match=r"x, demo_0: its image has 9x20 pixels"):
         list(stored.pictures(np.array([0])))
 
 
@@ -178,7 +178,7 @@ def test_channels_may_lie_last_or_first(shape):
 )
 def test_what_is_no_picture_is_refused(array):
     with pytest.raises(
-        ArtifactError, match=r"x, 3: a frame is (uint8|float32) \(.*expected uint8 of \(height, width, 3\)"
+        ArtifactError, match=r"x, 3: a frame is (uint8|float32) \(.*expected uint8 \(height, width, 3\)"
     ):
         as_picture("x, 3", array)
 
@@ -188,7 +188,7 @@ def test_pictures_in_bytes_are_decoded():
     data = cv2.imencode(".png", frame[..., ::-1])[1].tobytes()
     np.testing.assert_array_equal(from_bytes("x", data), frame)
     for broken in (None, b"", b"text", data[:50]):
-        with pytest.raises(ArtifactError, match="x, 3: a frame is no whole PNG or JPEG"):
+        with pytest.raises(ArtifactError, match="x, 3: a frame is not a complete PNG or JPEG"):
             from_bytes("x, 3", broken)
 
 
@@ -225,15 +225,15 @@ def test_a_window_begins_at_the_nearest_frame_and_has_its_length(begin, end, len
 
 def test_notes_of_a_window_are_its_own_and_the_files():
     assert window(0.0, 1.0, notes=["own"]).notes == ["own", "of the file"]
-    short = "videos are a frame or two shorter than their tables say"
+    short = "videos are one or two frames shorter than their tables state"
     assert window(5.5, 6.2, 7).notes == [short, "of the file"]
     assert window(5.5, 6.2, 7).cut == "" and len(window(5.5, 6.2, 7).times) == 5
 
 
 def test_a_window_beyond_the_file_is_cut_or_refused():
-    assert window(5.5, 7.5, 20).cut == "is truncated, it holds 5 of 20 frames"
-    assert window(5.5, 7.5).cut == "is truncated, it holds 5 of 20 frames"
-    assert window(0.0, 6.3, 63).cut == "is truncated, it holds 60 of 63 frames"
+    assert window(5.5, 7.5, 20).cut == "is truncated to 5 of 20 frames"
+    assert window(5.5, 7.5).cut == "is truncated to 5 of 20 frames"
+    assert window(0.0, 6.3, 63).cut == "is truncated to 60 of 63 frames"
     assert window(0.0, 30.2, 302, frames=300).cut == "" and window(0.0, 30.6, 306, frames=300).cut == ""
     assert window(0.0, 30.7, 307, frames=300).cut != "", "of many frames one in fifty may be missing"
     with pytest.raises(ArtifactError, match=r"file\.mp4: ends at 6\.00 s, before file\.mp4, episode 2"):
@@ -242,7 +242,7 @@ def test_a_window_beyond_the_file_is_cut_or_refused():
 
 @pytest.mark.parametrize(("begin", "end", "length"), [(2.0, 2.0, 0), (2.0, 1.0, 10), (1.0, 2.0, 13), (1.0, 2.0, 7)])
 def test_tables_that_contradict_themselves_are_refused(begin, end, length):
-    with pytest.raises(ArtifactError, match=rf"episode 2: lasts from {begin:g} to {end:g} s, but has {length} frames"):
+    with pytest.raises(ArtifactError, match=rf"episode 2: spans {begin:g} to {end:g} s but has {length} frames"):
         window(begin, end, length)
 
 

@@ -71,10 +71,10 @@ def test_a_spreadsheets_byte_order_mark_is_no_part_of_a_name(table):
         ([""], "has no column 'video'"),
         ([HEAD, "b.mp4,1,2,3,4", "a.mp4,1,2,3,x"], r"crops\.csv, line 3: expected x,y,w,h in whole pixels"),
         ([HEAD, "a.mp4,1,2,3"], "line 2: expected x,y,w,h"),
-        ([HEAD, ",1,2,3,4"], "line 2: expected a video's name"),
-        ([HEAD, "a\0.mp4,1,2,3,4"], "line 2: expected a video's name"),
-        ([HEAD, "a.mp4,1,2,3,4", "b.mp4,1,1,1,1", "a.mp4,1,2,3,4"], "line 4: a second row for a.mp4"),
-        ([HEAD, "b.mp4,1,2,3,4"], r"has no row for .*a\.mp4: add one, of video,x,y,w,h"),
+        ([HEAD, ",1,2,3,4"], "line 2: expected the name of a video"),
+        ([HEAD, "a\0.mp4,1,2,3,4"], "line 2: expected the name of a video"),
+        ([HEAD, "a.mp4,1,2,3,4", "b.mp4,1,1,1,1", "a.mp4,1,2,3,4"], "line 4: second row for a.mp4"),
+        ([HEAD, "b.mp4,1,2,3,4"], r"has no row for .*a\.mp4: add one with video,x,y,w,h"),
         ([HEAD], r"has no row for .*a\.mp4, nor for 2 others: add one"),
     ],
 )
@@ -87,7 +87,7 @@ def test_what_a_file_lacks_is_said_with_its_line(table, lines, message):
 def test_files_that_are_no_csv_are_refused(tmp_path, table):
     with pytest.raises(ArtifactError, match=r"none\.csv: cannot be read \(No such file"):
         read_crops(tmp_path / "none.csv", [])
-    with pytest.raises(ArtifactError, match="no CSV in UTF-8"):
+    with pytest.raises(ArtifactError, match="not a UTF-8 CSV file"):
         table(HEAD, "ä.mp4,1,2,3,4", encoding="latin-1")
 
 
@@ -110,9 +110,7 @@ def test_the_largest_centred_crop_has_the_frames_shape(picture, size, crop):
 def test_a_crop_may_reach_the_edge_and_not_beyond():
     check_crop(Crop(100, 20, 540, 460), (480, 640), "x.mp4")
     for beyond in (Crop(101, 20, 540, 460), Crop(100, 21, 540, 460)):
-        with pytest.raises(
-            ArtifactError, match=r"x\.mp4: the crop \d+,2.,540,460 reaches beyond its picture of 640x480"
-        ):
+        with pytest.raises(ArtifactError, match=r"x\.mp4: the crop \d+,2.,540,460 extends beyond its image of 640x480"):
             check_crop(beyond, (480, 640), "x.mp4")
 
 

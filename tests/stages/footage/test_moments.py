@@ -54,16 +54,16 @@ def test_times_that_a_container_rounded_are_met():
 @pytest.mark.parametrize(
     ("made", "segment", "message"),
     [
-        (footage([0.0]), Segment(3), "x.mp4: holds a single frame"),
-        (footage(), Segment(3, start=2.0), r"lasts 2\.00 s, which is not beyond --start 2"),
-        (footage(), Segment(3, start=2.5), "not beyond --start 2.5"),
-        (footage(), Segment(3, end=2.1), r"lasts 2\.00 s, less than --end 2\.1"),
-        (footage(), Segment(3, start=1.0, end=1.05), r"shows a single frame between 1\.00 and 1\.05 s"),
-        (footage(), Segment(3, start=1.95), r"shows a single frame between 1\.95 and 1\.95 s"),
+        (footage([0.0]), Segment(3), "x.mp4: has only one frame"),
+        (footage(), Segment(3, start=2.0), r"is 2\.00 s long, which does not reach --start 2"),
+        (footage(), Segment(3, start=2.5), "does not reach --start 2.5"),
+        (footage(), Segment(3, end=2.1), r"is 2\.00 s long, less than --end 2\.1"),
+        (footage(), Segment(3, start=1.0, end=1.05), r"has only one frame between 1\.00 and 1\.05 s"),
+        (footage(), Segment(3, start=1.95), r"has only one frame between 1\.95 and 1\.95 s"),
         (
             footage(cut="holds 20 of 25 frames"),
             Segment(3),
-            r"x\.mp4: holds 20 of 25 frames: get the whole file, .* up to 1\.90 s",
+            r"x\.mp4: holds 20 of 25 frames: get the complete file, .* up to 1\.90 s",
         ),
         (footage(cut="is truncated"), Segment(3, end=1.95), "is truncated"),
         (footage(cut="is truncated"), Segment(3, fps=1), "is truncated"),

@@ -98,8 +98,8 @@ def test_names_are_ordered_as_people_count(tmp_path):
     ("make", "message"),
     [
         (lambda at: at / "none", "none: no such file"),
-        (lambda at: at, "holds no video and no image directly in it"),
-        (lambda at: type(at)("/dev/null"), "is no ordinary file"),
+        (lambda at: at, "contains no videos or images"),
+        (lambda at: type(at)("/dev/null"), "is not a regular file"),
     ],
 )
 def test_what_is_neither_is_refused(tmp_path, make, message):
@@ -134,11 +134,11 @@ def test_whole_images_are_decoded_and_truncated_ones_are_not(suffix):
 def test_an_image_that_is_none_is_named(folder):
     (folder / "Shot4.PNG").write_bytes(b"\x89PNG")
     opened = find_videos(folder)[0].open()
-    with pytest.raises(ArtifactError, match=r"Shot4\.PNG: is no whole PNG or JPEG"):
+    with pytest.raises(ArtifactError, match=r"Shot4\.PNG: is not a complete PNG or JPEG"):
         list(opened.pictures(np.array([3, 4])))
 
 
 def test_images_of_an_absurd_size_are_refused(folder):
     (folder / "Shot4.PNG").write_bytes(encoded(picture(size=(8, 40))))
-    with pytest.raises(ArtifactError, match=r"Shot4\.PNG: its picture has 40x8 pixels"):
+    with pytest.raises(ArtifactError, match=r"Shot4\.PNG: its image has 40x8 pixels"):
         list(find_videos(folder)[0].open().pictures(np.array([4])))

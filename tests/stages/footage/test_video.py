@@ -122,10 +122,10 @@ def test_folders(tmp_path):
         (tmp_path / name).touch()
     assert [source.path.name for source in find_videos(tmp_path)] == ["B1.mp4", "b2.MOV", "b10.mp4"]
     assert sorted(map(tmp_path.joinpath, ["10", "9", "a"]), key=natural_order)[0].name == "9"
-    with pytest.raises(ArtifactError, match="no video and no image"):
+    with pytest.raises(ArtifactError, match="contains no videos or images"):
         (tmp_path / "inner").mkdir()
         find_videos(tmp_path / "inner")
-    with pytest.raises(ArtifactError, match="no ordinary file"):
+    with pytest.raises(ArtifactError, match="not a regular file"):
         find_videos(type(tmp_path)("/dev/null"))
 
 
