@@ -1,1 +1,1 @@
-"""What stages are told: configuration classes and presets."""
+"""Configuration of stages and commands: configuration classes, presets and tasks' defaults."""

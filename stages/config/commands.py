@@ -1,4 +1,4 @@
-"""The options of every command: its own configuration class, and those that it shares with others."""
+"""The options of every command: its own configuration class, and the options that it shares with other commands."""
 
 from __future__ import annotations
 
@@ -25,31 +25,32 @@ EXECUTORS = ("local", "slurm", "kubernetes")
 
 @dataclass(frozen=True)
 class ReportConfig(Config):
-    """The page that report writes."""
+    """Configuration of report: the page that it writes."""
 
     title: str = option("Imitation from observation", "Heading of the page.")
 
 
 @dataclass(frozen=True)
 class ReproduceConfig(Config):
-    """The grid that reproduce runs, and where."""
+    """Configuration of reproduce: the grid of runs, and where they run."""
 
     only: str = option(",".join(TASKS), "Tasks, separated by commas.", metavar="TASKS", complete="tasks")
     methods: str = option(
         "",
-        "Methods, separated by commas (default: those that the paper compares, and its ablations of reach and push).",
+        "Methods, separated by commas (default: the methods that the paper compares, and its ablations for reach and "
+        "push).",
         metavar="METHODS",
         complete="methods",
     )
     contexts: int = option(10, "Contexts per task and method.", low=1)
-    executor: str = option("local", "Where jobs run; Snakemake's own plugins.", EXECUTORS)
-    cores: int = option(0, "Jobs at a time, one core each (0: as many as there are cores).", low=0)
+    executor: str = option("local", "Where jobs run: a Snakemake executor.", EXECUTORS)
+    cores: int = option(0, "Number of jobs that run in parallel, one core each (0: one per core).", low=0)
 
     def check_together(self) -> None:
-        """Refuse names of tasks and methods that there are not.
+        """Refuse unknown names of tasks and methods.
 
         Raises:
-            UsageError: One line.
+            UsageError: A name is unknown.
         """
         _ = self.tasks, self.chosen_methods
 
@@ -60,17 +61,17 @@ class ReproduceConfig(Config):
 
     @property
     def chosen_methods(self) -> tuple[str, ...]:
-        """The methods of --methods, each once; empty: the paper's."""
+        """The methods of --methods, each once; empty: the paper's methods."""
         from stages.reproduction.plan import METHODS
 
         return chosen("--methods", self.methods, tuple(METHODS))
 
 
 def chosen(name: str, text: str, known: tuple[str, ...]) -> tuple[str, ...]:
-    """The names in a comma-separated list, each once.
+    """Return the names in a comma-separated list, each once.
 
     Raises:
-        UsageError: One is not known.
+        UsageError: A name is unknown.
     """
     names = tuple(dict.fromkeys(word.strip() for word in text.split(",") if word.strip()))
     for word in names:
@@ -81,12 +82,12 @@ def chosen(name: str, text: str, known: tuple[str, ...]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Command:
-    """What the options of a command are made of.
+    """The classes that define the options of a command.
 
     Attributes:
-        config: The class of its own options.
-        shared: The class of the options that it shares with other commands.
-        names: Those of `shared` that it has.
+        config: Class of the command's own options.
+        shared: Class of the options that it shares with other commands.
+        names: Names of the options in `shared` that the command has.
     """
 
     config: type[Config]
@@ -97,7 +98,7 @@ class Command:
 _OUTPUT = ("out", "config", "show_config", "json", "quiet")
 _STAGE = ("preset", "seed", "workers", "overwrite", *_OUTPUT)
 
-# Experts learn, and policies are evaluated, on the CPU: --device would have no effect there.
+# Training of experts and evaluation of policies run on the CPU: --device would have no effect there.
 COMMANDS: dict[str, Command] = {
     "train-expert": Command(STAGES["train-expert"], CommonOptions, (*_STAGE, "resume")),
     "collect-demos": Command(STAGES["collect-demos"], CollectOptions, ("expert", *_STAGE)),

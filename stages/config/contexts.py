@@ -1,19 +1,21 @@
-"""What --contexts and --vary may say; shared by the stages that draw contexts."""
+"""Values of --contexts and --vary, shared by the stages that draw contexts."""
 
 from __future__ import annotations
 
 from artifacts.errors import UsageError
 from stages.config.names import FACTORS
 
-CONTEXTS_HELP = "seen from all around (paper), from within 40 degrees (narrow), or from a single viewpoint (fixed)"
+CONTEXTS_HELP = (
+    "viewpoints on the full circle (paper), within 40 degrees to either side (narrow), or a single one (fixed)"
+)
 VARY_HELP = (
-    f"What varies between contexts, a comma-separated choice of {', '.join(FACTORS)} (default: what the paper varies "
+    f"Factors that vary between contexts, comma-separated: {', '.join(FACTORS)} (default: those that the paper varies "
     "in the task)."
 )
 
 
 def parse_factors(vary: str) -> frozenset[str] | None:
-    """The factors that `--vary` lists; None: the task's own choice.
+    """Return the factors that `--vary` lists; None: the task's default.
 
     Raises:
         UsageError: There is no such factor.
@@ -27,13 +29,13 @@ def parse_factors(vary: str) -> frozenset[str] | None:
 
 
 def check_contexts(contexts: str, vary: str) -> None:
-    """Refuse unknown factors, and a viewpoint that is to vary and to be fixed.
+    """Refuse unknown factors, and a viewpoint that is both varied and fixed.
 
     Raises:
-        UsageError: One line.
+        UsageError: The options are invalid.
     """
     factors = parse_factors(vary)
     if factors and "azimuth" in factors and contexts == "fixed":
         raise UsageError(
-            "--vary azimuth has no range with --contexts fixed, a single viewpoint: expected --contexts paper or narrow"
+            "--vary azimuth has no effect with --contexts fixed, a single viewpoint: use --contexts paper or narrow"
         )

@@ -1,4 +1,4 @@
-"""Configuration of the stages that make demonstrations, from a simulation or from real videos, or export them."""
+"""Configuration of the stages that make demonstrations, from simulation or real videos, or export them."""
 
 from __future__ import annotations
 
@@ -20,35 +20,34 @@ WORST_CRF = 51
 
 @dataclass(frozen=True)
 class DemosConfig(Config):
-    """Demonstrations: videos of a demonstrator in random contexts."""
+    """Configuration of collect-demos: videos of a demonstrator in random contexts."""
 
-    n: int = option(3000, "Demonstrations to collect.", low=2, names=("-n", "--n"))
-    contexts: str = option("paper", f"Contexts to draw from: {CONTEXTS_HELP}.", CONTEXTS, tag="")
+    n: int = option(3000, "Number of demonstrations to collect.", low=2, names=("-n", "--n"))
+    contexts: str = option("paper", f"Distribution of contexts: {CONTEXTS_HELP}.", CONTEXTS, tag="")
     vary: str = option("", VARY_HELP, tag="vary-")
     context_seed: int = option(
         -1,
-        "Record all videos in the context that translate gives a learner for this seed (-1: each in its own context).",
+        "Record all videos in the context that translate gives the learner for this seed (-1: each in its own).",
         low=-1,
         tag="own-context",
     )
     keep_failures: bool = option(False, "Keep demonstrations that failed.")
     jitter: float = option(
         0.0,
-        "Play each video at a varying speed, up to this share faster or slower (distances stay those of the whole "
-        "episode).",
+        "Vary the playback speed within each video, by up to this fraction faster or slower (distances stay those of "
+        "the whole episode).",
         low=0,
         high=1,
         tag="jitter",
     )
     videos: str = option(
         "",
-        "Also write each video as an MP4, 5 times as high and wide, into this new folder: camera footage that "
-        "import-demos reads.",
+        "Also write each video as an MP4, enlarged 5 times, into this new folder, as camera footage for import-demos.",
         metavar="FOLDER",
     )
     crf: int = option(
         23,
-        f"Compression of these MP4s: x264's constant rate factor, 0 (lossless) to {WORST_CRF}.",
+        f"Compression of the MP4s of --videos: x264's constant rate factor, 0 (lossless) to {WORST_CRF}.",
         low=0,
         high=WORST_CRF,
         effect=(Only("videos"),),
@@ -60,7 +59,7 @@ class DemosConfig(Config):
 
 
 class Crop(NamedTuple):
-    """A rectangle in pixels: its left, top, width and height."""
+    """A rectangle in pixels: left, top, width and height."""
 
     x: int
     y: int
@@ -69,7 +68,7 @@ class Crop(NamedTuple):
 
     @classmethod
     def of(cls, words: Sequence[str]) -> Crop | None:
-        """The rectangle that four words name; None: they name none."""
+        """Return the rectangle given by four words; None: they are not a rectangle."""
         try:
             crop = cls(*map(int, words))
         except (ValueError, TypeError):
@@ -78,89 +77,91 @@ class Crop(NamedTuple):
 
 
 def parse_crop(text: str) -> Crop:
-    """The crop that `--crop X,Y,W,H` names.
+    """Return the crop given by `--crop X,Y,W,H`.
 
     Raises:
-        UsageError: It is no rectangle.
+        UsageError: The text is not a rectangle.
     """
     crop = Crop.of(text.split(","))
     if crop is None:
-        raise UsageError(f"--crop {text!r}: expected X,Y,W,H in whole pixels, such as 200,0,720,720")
+        raise UsageError(f"--crop {text!r}: expected X,Y,W,H in whole pixels, for example 200,0,720,720")
     return crop
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """Height and width of `--size WIDTHxHEIGHT`.
+    """Return height and width of `--size WIDTHxHEIGHT`.
 
     Raises:
-        UsageError: No translator takes such frames.
+        UsageError: Translators cannot process frames of this size.
     """
     match = re.fullmatch(r"(\d{1,4})[xX](\d{1,4})", text)
     width, height = (int(side) for side in match.groups()) if match else (0, 0)
     if width not in FRAME_SIDES or height not in FRAME_SIDES:
         raise UsageError(
             f"--size {text!r}: expected WIDTHxHEIGHT in multiples of {FRAME_SIDES.step} from {FRAME_SIDES[0]} to "
-            f"{FRAME_SIDES[-1]}, such as 48x48"
+            f"{FRAME_SIDES[-1]}, for example 48x48"
         )
     return height, width
 
 
 @dataclass(frozen=True)
 class ImportConfig(Config):
-    """What import-demos takes of real videos."""
+    """Configuration of import-demos: the frames to take from real videos."""
 
-    frames: int = option(25, "Frames to take of each video.", low=2, high=MOST_FRAMES)
-    size: str = option("48x48", "Width and height of the frames, by area averaging.", metavar="WIDTHxHEIGHT")
+    frames: int = option(25, "Number of frames to take from each video.", low=2, high=MOST_FRAMES)
+    size: str = option(
+        "48x48", "Width and height of the frames; videos are reduced by area averaging.", metavar="WIDTHxHEIGHT"
+    )
     start: float = option(0.0, "Time of the first frame in each video, the context frame.", low=0, metavar="SECONDS")
-    end: float = option(0.0, "Time of the last frame (0: that of each video).", low=0, metavar="SECONDS")
+    end: float = option(0.0, "Time of the last frame (0: the end of each video).", low=0, metavar="SECONDS")
     fps: float = option(
         0.0,
-        "Take this many frames per second from --start on (0: equal intervals up to the end). Shorter videos repeat "
-        "their last frame; a warning is printed.",
+        "Take this many frames per second, starting at --start (0: equal intervals up to the end). Shorter videos "
+        "repeat their last frame; a warning is printed.",
         low=0,
     )
     crop: str = option(
         "",
-        "Region of the upright picture to take, in its pixels (default: the largest centred one of the shape of "
+        "Region to take, in pixels of the upright video (default: the largest centered region with the aspect ratio of "
         "--size).",
         metavar="X,Y,W,H",
     )
-    crop_file: str = option("", "A crop for each video: a CSV file with columns video,x,y,w,h.", metavar="CSV")
+    crop_file: str = option("", "CSV file with a crop for each video, in the columns video,x,y,w,h.", metavar="CSV")
     task: str = option(
         "",
-        "Simulated task that a robot is to learn from the videos (default: none).",
+        "Simulated task that the robot will learn from the videos (default: none).",
         metavar="TASK",
         complete="task",
     )
-    strict: bool = option(False, "Fail if a video cannot be used.")
+    strict: bool = option(False, "Stop with an error if a video cannot be used.")
     camera: str = option(
         "",
-        "Camera of a data set, by its name or the last part of it (default: the only one).",
+        "Camera in a data set, by its name or the last part of its name (default: the only one).",
         metavar="KEY",
     )
 
     def check_together(self) -> None:
-        """Refuse crops, sizes and segments that make no sense.
+        """Refuse invalid crops, sizes and segments.
 
         Raises:
-            UsageError: One line.
+            UsageError: The options are invalid.
         """
         parse_size(self.size)
         if self.crop and self.crop_file:
-            raise UsageError("--crop and --crop-file both say which region to take: give one of them")
+            raise UsageError("--crop and --crop-file both define the region to take: give only one of them")
         if self.crop:
             parse_crop(self.crop)
         if self.end and self.fps:
-            raise UsageError("--end and --fps both say where the last frame is: give one of them")
+            raise UsageError("--end and --fps both define the last frame: give only one of them")
         if self.end and self.end <= self.start:
             raise UsageError(f"--end {self.end:g}: expected more than --start, which is {self.start:g}")
 
 
 @dataclass(frozen=True)
 class ExportConfig(Config):
-    """What export-demos writes."""
+    """Configuration of export-demos: the data set to write."""
 
-    format: str = option("", "Data set to write: LeRobotDataset v3, robomimic's HDF5, or Minari's.", EXPORT_FORMATS)
+    format: str = option("", "Format: LeRobotDataset v3, robomimic's HDF5, or Minari's HDF5.", EXPORT_FORMATS)
     camera: str = option(
         "",
         f"Name of the camera: observation.images.NAME, obs/NAME_image (default: {CAMERA}).",
@@ -168,7 +169,7 @@ class ExportConfig(Config):
         off="",
         metavar="NAME",
     )
-    task: str = option("", "What is done, in words (default: the task of the demonstrations).")
+    task: str = option("", "Description of the task in words (default: the task of the demonstrations).")
     fps: int = option(
         0,
         f"Frames per second of the data set (0: from the times of the demonstrations, {PLAIN_FPS} if there are none).",
@@ -177,22 +178,22 @@ class ExportConfig(Config):
     )
     video: bool = option(
         False,
-        "Store lerobot's frames as H.264 instead of PNGs. This halves the resolution of colours, which shows in small "
-        "frames.",
+        "Store frames as H.264 video instead of PNGs (lerobot only). This halves the color resolution, which shows in "
+        "small frames.",
         effect=(Only("format", ("lerobot",)),),
         off=False,
     )
     crf: int = option(
-        CRF, f"Quality of the video, 1 (best) to {WORST_CRF}.", low=1, high=WORST_CRF, effect=(Only("video"),)
+        CRF, f"Compression of --video, 1 (best quality) to {WORST_CRF}.", low=1, high=WORST_CRF, effect=(Only("video"),)
     )
 
     def check_together(self) -> None:
-        """Refuse to export in no format, and names of cameras that no file can have.
+        """Refuse a missing format, and invalid names of cameras.
 
         Raises:
-            UsageError: One line.
+            UsageError: The options are invalid.
         """
         if not self.format:
-            raise UsageError(f"--format: expected {one_of(EXPORT_FORMATS)}, the data set to write")
+            raise UsageError(f"--format: expected {one_of(EXPORT_FORMATS)}, the format of the data set")
         if self.camera and not re.fullmatch(r"\w[-\w]*", self.camera):
-            raise UsageError(f"--camera {self.camera!r}: expected letters, digits, - and _, such as front")
+            raise UsageError(f"--camera {self.camera!r}: expected letters, digits, - and _, for example front")

@@ -1,4 +1,4 @@
-"""Fields of configuration classes. Each one is a command-line option: its default, help, bounds and effect.
+"""Fields of configuration classes. Each field defines a command-line option: its default, help, bounds and effect.
 
 Light imports only, so that `ifo --help` answers at once.
 """
@@ -13,12 +13,12 @@ from typing import Any, ClassVar
 
 from artifacts.errors import UsageError
 
-ANY = object()  # any value that is not empty, zero or off
+ANY = object()  # stands for any value that is not empty, zero or off
 
 
 @dataclass(frozen=True)
 class Only:
-    """An option has an effect only with certain values of another option; without values, with any but an empty one."""
+    """Condition: the option has an effect only with certain values of another option (if empty: any nonempty value)."""
 
     other: str
     values: tuple[Any, ...] = ()
@@ -26,7 +26,7 @@ class Only:
 
 @dataclass(frozen=True)
 class Not:
-    """An option has no effect with a certain value of another option; of a repeatable one, with that value in it."""
+    """Condition: the option has no effect if another option has, or (if it is repeatable) includes, a certain value."""
 
     other: str
     value: Any = ANY
@@ -46,18 +46,18 @@ def option(
     off: Any = ANY,
     **more: Any,
 ) -> Any:
-    """A dataclass field that is also a command-line option.
+    """Return a dataclass field that is also a command-line option.
 
     Args:
-        default: Its default.
-        text: Its help text.
+        default: Default value.
+        text: Help text.
         choices: Allowed values; empty: any.
-        low: The least value.
-        high: The greatest value.
-        effect: When the option has an effect. Given in vain, it is refused.
-        off: The value that asks for nothing, and so is never given in vain.
-        more: How the command line shows it: `names`, `metavar`, `complete`; and `tag`, behind which a value other than
-            the usual one is part of the default file name (may be empty).
+        low: Lower bound.
+        high: Upper bound.
+        effect: Conditions under which the option has an effect. If they are not met, a given option is refused.
+        off: The value that switches the option off, which is never refused for having no effect.
+        more: Presentation on the command line: `names`, `metavar`, `complete`, `show`; and `tag`, the prefix (may be
+            empty) under which a value other than the default becomes part of the default file name.
     """
     about = {"help": text, "choices": choices, "low": low, "high": high, "effect": effect, "off": off, **more}
     return field(default=default, metadata=about)
@@ -68,18 +68,18 @@ class Config:
     """Base of all configuration classes.
 
     Attributes:
-        RUN_EFFECTS: When options of the run (such as `device`) have an effect in this stage.
-        VARIANT: The field whose value brings defaults of its own, such as the learner; empty: none.
+        RUN_EFFECTS: Conditions under which options of the run, such as `device`, have an effect in this stage.
+        VARIANT: The field whose values have their own defaults for other fields, such as the learner; empty: none.
     """
 
     RUN_EFFECTS: ClassVar[Mapping[str, tuple[Condition, ...]]] = {}
     VARIANT: ClassVar[str] = ""
 
     def validate(self, given: Collection[str] = ()) -> None:
-        """Refuse values out of bounds, options that contradict each other, and given ones that have no effect.
+        """Refuse values out of bounds, contradictory options, and given options that have no effect.
 
         Args:
-            given: Names of the options that the user gave. What a preset or a task brings is never refused for having
+            given: Names of the options that the user gave. Values from a preset or a task are never refused for having
                 no effect.
 
         Raises:
@@ -98,10 +98,10 @@ class Config:
                 self._check_effect(flag(name), name, conditions)
 
     def check_together(self) -> None:
-        """Refuse options that contradict each other, whoever set them.
+        """Refuse contradictory options, whatever their origin.
 
         Raises:
-            UsageError: Some do.
+            UsageError: Options contradict each other.
         """
 
     def _check_effect(self, own: str, name: str, conditions: tuple[Condition, ...]) -> None:
@@ -114,7 +114,9 @@ class Config:
                     raise UsageError(f"{own} has no effect with {held}: leave one of the two out")
             elif not condition.values and not value:
                 other = flag(condition.other)
-                raise UsageError(f"{own} has no effect without {other}: give {other}, too, or leave {flag(name)} out")
+                raise UsageError(
+                    f"{own} has no effect without {other}: give {other} as well, or leave {flag(name)} out"
+                )
             elif condition.values and value not in condition.values:
                 offered = self._offered(condition.other)
                 wanted = [str(one) for one in condition.values if not offered or one in offered]
@@ -134,7 +136,7 @@ def _matches(value: Any, unwanted: Any) -> bool:
 
 
 def wrong_value(item: dataclasses.Field[Any], value: Any) -> str:
-    """What is wrong with a field's value, beginning with `expected`; empty: nothing."""
+    """Describe what is wrong with a field's value, in a text that begins with `expected`; empty: nothing."""
     about = item.metadata
     if isinstance(value, float) and not math.isfinite(value):
         return "expected a finite number"
@@ -152,18 +154,18 @@ def wrong_value(item: dataclasses.Field[Any], value: Any) -> str:
 
 
 def one_of(words: Collection[str]) -> str:
-    """Words as text: `a`, `a or b`, `a, b or c`."""
+    """Join words as text: `a`, `a or b`, `a, b or c`."""
     *first, last = words
     return f"{', '.join(first)} or {last}" if first else str(last)
 
 
 def flag(name: str) -> str:
-    """The option of a field."""
+    """Return the command-line option of a field."""
     return f"--{name.replace('_', '-')}"
 
 
 def shown(name: str, value: Any) -> str:
-    """An option with its value, as somebody would type it."""
+    """Return an option with its value, as a user would type it."""
     if isinstance(value, bool):
         return flag(name) if value else f"--no-{name.replace('_', '-')}"
     if isinstance(value, tuple):

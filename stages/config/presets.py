@@ -1,4 +1,4 @@
-"""What options resolve to: presets, and what tasks, learners and networks need otherwise.
+"""Defaults of options: presets, and the different defaults of tasks, learners and networks.
 
 Later layers win: the class of the stage, the preset, the task, the learner or network, the task with that learner or
 network, a file of options, the command line. Light imports only.
@@ -72,7 +72,7 @@ PRESETS: dict[str, dict[str, Config]] = {
     },
 }
 
-# What a learner or a network needs otherwise than the presets: preset -> stage -> learner or network -> fields.
+# Defaults of a learner or a network that differ from the presets: preset -> stage -> learner or network -> fields.
 _GPS: dict[str, Any] = {"kl": 1.0, "log_std": 0.0}
 _GPS_FULL: dict[str, Any] = {**_GPS, "iterations": 20, "episodes": 10, "checkpoint_every": 1}
 VARIANTS: TaskDefaults = {
@@ -90,25 +90,25 @@ VARIANTS: TaskDefaults = {
 
 @dataclass(frozen=True)
 class Resolved:
-    """A configuration, and for each of its fields who set it."""
+    """A configuration, and the origin of the value of each field."""
 
     config: Any
     origins: dict[str, str]
 
     def with_(self, origin: str, values: Mapping[str, Any]) -> Resolved:
-        """The same with other `values`, which `origin` set."""
+        """Return the same configuration with other `values`, whose origin is `origin`."""
         return Resolved(replace(self.config, **values), {**self.origins, **dict.fromkeys(values, origin)})
 
 
 def resolve(stage: str, preset: str, task: str = "", choice: str = "", own: TaskDefaults | None = None) -> Resolved:
-    """What the options of `stage` are where nobody gives any.
+    """Return the defaults of the options of `stage`.
 
     Args:
         stage: Name of the stage.
         preset: Name of the preset.
-        task: Name of the task; empty: none is known.
-        choice: The learner or network that was chosen; empty: the one that preset and task have.
-        own: What the task needs otherwise than the presets; None: look `task` up among ours.
+        task: Name of the task; empty: unknown.
+        choice: The learner or network that the user chose; empty: the default of preset and task.
+        own: The task's own defaults; None: those of the built-in task `task`.
     """
     own = own_defaults(task) if own is None else own
     plain = STAGES[stage]()
@@ -133,12 +133,12 @@ def _without_variants(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def defaults(preset: str, stage: str, task: str = "", choice: str = "", own: TaskDefaults | None = None) -> Any:
-    """The configuration of `stage` under `preset`, with what `task` and the learner or network need otherwise."""
+    """Return the default configuration of `stage` for a preset, a task and a learner or network."""
     return resolve(stage, preset, task, choice, own).config
 
 
 def changed(stage: str, config: Config) -> frozenset[str]:
-    """Names of the fields whose value comes from no preset, task, learner or network of ours: somebody chose it."""
+    """Return the names of the fields whose value is not a default of any preset, built-in task, learner or network."""
     known: dict[str, set[Any]] = {item.name: {getattr(type(config)(), item.name)} for item in fields(config)}
     choice = getattr(config, config.VARIANT) if config.VARIANT else ""
     for other in _unchosen(stage, choice) if stage in STAGES else ():
@@ -149,6 +149,6 @@ def changed(stage: str, config: Config) -> frozenset[str]:
 
 @lru_cache
 def _unchosen(stage: str, choice: str) -> tuple[Any, ...]:
-    """Every configuration of a stage in which nobody chose anything, or nothing but a learner or network."""
+    """Return every configuration of a stage that consists of defaults, with or without a chosen learner or network."""
     cases = itertools.product(PRESETS, ("", *ENTRIES), {"", choice})
     return tuple({defaults(preset, stage, task, chosen) for preset, task, chosen in cases})

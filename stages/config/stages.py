@@ -1,4 +1,4 @@
-"""Configuration of every stage: typed, frozen, with bounds and units; command-line options are made from these classes.
+"""Configuration of every stage: frozen, typed classes with bounds and units, which define the command-line options.
 
 Light imports only, so that `ifo --help` answers at once.
 """
@@ -21,9 +21,9 @@ from stages.config.translation import TranslatorConfig as TranslatorConfig
 
 @dataclass(frozen=True)
 class EvaluateConfig(Config):
-    """Evaluation of learned policies."""
+    """Configuration of the evaluation of learned policies."""
 
-    episodes: int = option(100, "Episodes per policy, deterministic and stochastic each.", low=1)
+    episodes: int = option(100, "Episodes per policy with mean actions, and as many with sampled actions.", low=1)
 
 
 STAGES: dict[str, type[Config]] = {

@@ -1,6 +1,6 @@
-"""Names of tasks: built in, installed by packages, or MODULE:ATTR; and which of them artifacts may name.
+"""Names of tasks (built-in, from installed packages, or MODULE:ATTR), and permission for artifacts to name them.
 
-As `stages.config.stages`, this module imports nothing heavy.
+Like `stages.config.stages`, this module imports nothing heavy.
 """
 
 from __future__ import annotations
@@ -13,26 +13,26 @@ from artifacts.errors import UsageError
 from stages.config.stages import HOUSEHOLD, TASKS
 
 GROUP = "ifo.tasks"  # entry points of installed packages
-TRUSTED = "IFO_TASKS"  # environment variable: comma-separated MODULE:ATTR that artifacts may name
+TRUSTED = "IFO_TASKS"  # environment variable: comma-separated list of MODULE:ATTR that artifacts may name
 SUITE = "dm:"
 
 
 def plugins() -> dict[str, metadata.EntryPoint]:
-    """Tasks that installed packages offer: name -> entry point."""
+    """Return the tasks of installed packages: name -> entry point."""
     return {entry.name: entry for entry in metadata.entry_points(group=GROUP)}
 
 
 def known_tasks() -> tuple[str, ...]:
-    """Names of all tasks that have a plain name: built-in ones first, then those of plug-ins."""
+    """Return the plain names of tasks: first those of built-in tasks, then those of plug-ins."""
     built_in = (*TASKS, *HOUSEHOLD)
     return (*built_in, *(name for name in plugins() if name not in built_in))
 
 
 def check_task_name(name: str) -> str:
-    """Return the name if there may be such a task; what follows a colon is looked up later.
+    """Return the name if such a task may exist; names with a colon are looked up later.
 
     Raises:
-        UsageError: There is no such task; the message says which one may have been meant.
+        UsageError: There is no such task; the message suggests a similar name.
     """
     known = known_tasks()
     if name in known or ":" in name:
@@ -43,13 +43,13 @@ def check_task_name(name: str) -> str:
 
 
 def is_trusted(name: str) -> bool:
-    """Whether a task that an artifact names may be imported."""
+    """Return whether a task that an artifact names may be imported."""
     listed = {word.strip() for word in os.environ.get(TRUSTED, "").split(",")}
     return ":" not in name or name.startswith(SUITE) or name in listed or name in plugins()
 
 
 def permission_needed(name: str) -> str:
-    """What the user must do so that later stages can use the task; empty: nothing."""
+    """Return what the user must do so that later stages can import the task; empty: nothing."""
     if not name or is_trusted(name):
         return ""
     return f"later stages import {name} only with your permission: export {TRUSTED}={name}"

@@ -1,4 +1,4 @@
-"""Files of options: a table for each stage, as --show-config prints them and --config reads them."""
+"""Files of options, with a table for each stage: --show-config prints them, --config reads them."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ STAGES_WITH_TABLES = tuple(name for name, command in COMMANDS.items() if "config
 
 @dataclass(frozen=True)
 class Table:
-    """What a file of options says of one stage.
+    """The options of one stage in a file of options.
 
     Attributes:
         settings: Options of the run: preset, seed, device, workers.
-        config: Options of the stage.
+        config: Options of the stage itself.
     """
 
     settings: dict[str, Any]
@@ -32,15 +32,15 @@ class Table:
 
 
 def read_table(path: Path, stage: str) -> Table:
-    """The table of `stage` in a file of options; empty where there is none. Tables of other stages are not looked at.
+    """Read the table of `stage` from a file of options; empty if there is none. Tables of other stages are ignored.
 
     Raises:
-        UsageError: The file cannot be read, or holds what the stage does not take.
+        UsageError: The file cannot be read, or has invalid options for the stage.
     """
     tables = _load(path)
     for name, table in tables.items():
         if not isinstance(table, Mapping):
-            raise UsageError(f"{path}: {name}: expected a table named after a stage, such as [{stage}]")
+            raise UsageError(f"{path}: {name}: expected a table named after a stage, for example [{stage}]")
         if name not in STAGES_WITH_TABLES:
             stages = meant(name, STAGES_WITH_TABLES)
             raise UsageError(f"{path}: [{name}]: expected a table named after a stage, {stages}")
@@ -68,18 +68,19 @@ def _load(path: Path) -> dict[str, Any]:
         raise UsageError(f"--config {path}: cannot be read ({error.strerror}): expected a file of options") from error
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         reason = " ".join(str(error).split())
-        raise UsageError(f"--config {path}: is not TOML ({reason}): expected what --show-config prints") from error
+        raise UsageError(f"--config {path}: is not TOML ({reason}): expected the format of --show-config") from error
 
 
 def as_toml(stage: str, values: Mapping[str, Any], origins: Mapping[str, str], note: str) -> str:
-    """A table of options, with the origin of each as a comment. By hand: what reads TOML here does not write it, and
-    comments of writers are a matter of style.
+    """Return a table of options, with the origin of each value as a comment.
+
+    The text is formatted here because tomllib cannot write TOML.
 
     Args:
-        stage: The table's name.
-        values: The options; None is left out.
-        origins: Who set each.
-        note: The first line, a comment.
+        stage: Name of the table.
+        values: The options; those that are None are left out.
+        origins: Origin of each option's value.
+        note: Text of the first line, a comment.
     """
     rows = [(f"{name} = {_text(value)}", origins[name]) for name, value in values.items() if value is not None]
     width = max(len(assignment) for assignment, _ in rows)
@@ -87,7 +88,7 @@ def as_toml(stage: str, values: Mapping[str, Any], origins: Mapping[str, str], n
 
 
 def _text(value: Any) -> str:
-    """A value of a TOML file."""
+    """Return a value in TOML syntax."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""Configuration of the translator's training, and of translating with it."""
+"""Configuration of the translator's training, and of translation."""
 
 from __future__ import annotations
 
@@ -18,43 +18,43 @@ IN_SIMULATION = (Not("context_image"),)
 
 @dataclass(frozen=True)
 class TranslatorConfig(Config):
-    """Training of the context translator (Sec. IV)."""
+    """Configuration of the training of the context translator (Sec. IV)."""
 
     VARIANT: ClassVar[str] = "arch"
 
     arch: str = option(
         "compact",
-        "Network: a small one for CPUs (compact), the paper's for simulation (paper), or the paper's narrow one for "
-        "real images (real, with dropout and its own default of --lambda-align).",
+        "Network: a small one for CPUs (compact), the paper's for simulation (paper), or the paper's smaller one for "
+        "real images (real; it has dropout, and its own default of --lambda-align).",
         ARCHITECTURES,
         tag="",
     )
-    steps: int = option(5000, "Optimizer steps (0: leave the weights random).", low=0)
+    steps: int = option(5000, "Number of optimizer steps (0: keep random weights).", low=0)
     videos: int = option(
-        16, "Videos per step; each one is source of one pair and target of another.", low=2, effect=(TRAINS,)
+        16, "Videos per step; each is the source of one pair and the target of another.", low=2, effect=(TRAINS,)
     )
-    frames: int = option(4, "Frames of each video per step, at the same times in all of them.", low=1, effect=(TRAINS,))
-    pairings: int = option(1, "Pairings of the videos per step.", low=1, effect=(TRAINS,))
+    frames: int = option(4, "Frames per video and step, at the same times in all videos.", low=1, effect=(TRAINS,))
+    pairings: int = option(1, "Random pairings of the videos per step.", low=1, effect=(TRAINS,))
     groups: int = option(
         1,
-        "Groups of --videos videos per step. Pairs are made within a group; several processes share the groups.",
+        "Groups of --videos videos per step. Pairs are formed within a group; several processes share the groups.",
         low=1,
     )
     rec_frames: int = option(
-        1, "Frames of each video per step that L_rec reconstructs (0: all).", low=0, effect=RECONSTRUCTS
+        1, "Frames per video and step that L_rec reconstructs (0: all).", low=0, effect=RECONSTRUCTS
     )
     learning_rate: float = option(1e-3, "Peak learning rate.", low=0, effect=(TRAINS,))
     schedule: str = option(
         "cosine",
-        "Learning rate over time: warm-up, then a cosine, with clipped gradients (cosine), or constant.",
+        "Learning rate schedule: warm-up, then cosine decay, with gradient clipping (cosine), or constant.",
         SCHEDULES,
         effect=(TRAINS,),
     )
-    weight_decay: float = option(1e-4, "AdamW's weight decay.", low=0, effect=(TRAINS,))
+    weight_decay: float = option(1e-4, "Weight decay of AdamW.", low=0, effect=(TRAINS,))
     lambda_rec: float = option(1.0, "lambda_1, weight of L_rec.", low=0, effect=RECONSTRUCTS)
     lambda_align: float = option(0.1, "lambda_2, weight of L_align.", low=0, effect=(TRAINS, Not("without", "align")))
     without: tuple[str, ...] = option(
-        (), "Switch a loss off (repeatable).", LOSSES, effect=(TRAINS,), off=(), tag="without-"
+        (), "Switch off a loss (repeatable).", LOSSES, effect=(TRAINS,), off=(), tag="without-"
     )
     align: str = option(
         "none",
@@ -63,31 +63,33 @@ class TranslatorConfig(Config):
         tag="",
     )
     motion_weight: float = option(
-        0.0, "Extra weight of pixels that differ from the context frame.", low=0, effect=(TRAINS,), off=0.0
+        0.0, "Additional weight of pixels that differ from the context frame.", low=0, effect=(TRAINS,), off=0.0
     )
-    # Mirrored videos are more data, but another world to learn, too: a robot whose joints bend the other way.
-    mirror: bool = option(False, "Mirror videos at random: for few demonstrations.", effect=(TRAINS,), off=False)
+    # Mirrored videos are more data, but also show a different robot, whose joints bend the other way.
+    mirror: bool = option(
+        False, "Mirror videos at random; useful with few demonstrations.", effect=(TRAINS,), off=False
+    )
     swap_colours: bool = option(
-        True, "Swap green and blue at random: for contexts that differ in colour.", effect=(TRAINS,), off=False
+        True, "Swap green and blue at random; useful if contexts differ in color.", effect=(TRAINS,), off=False
     )
     augment: bool = option(
         False,
-        "Change brightness, contrast, saturation and position of training videos a little at random, the same for a "
-        "whole video and its context frame: for few real videos.",
+        "Slightly change brightness, contrast, saturation and position of training videos at random, identically for "
+        "all frames of a video; useful with few real videos.",
         effect=(TRAINS,),
         off=False,
     )
     ema: float = option(
         0.999, "Decay of the moving average of the weights (0: no average).", low=0, high=1, effect=(TRAINS,), off=0.0
     )
-    held_out: int = option(256, "Demonstrations held out for the metrics (at most a fifth of all).", low=2)
+    held_out: int = option(256, "Number of demonstrations held out for the metrics (at most a fifth of all).", low=2)
     evaluate_every: int = option(500, "Steps between evaluations on held-out demonstrations.", low=1, effect=(TRAINS,))
     checkpoint_every: int = option(200, "Steps between checkpoints.", low=1, effect=(TRAINS,))
-    amp: bool = option(True, "Mixed precision on CUDA.", effect=(TRAINS,))
+    amp: bool = option(True, "Use mixed precision on CUDA.", effect=(TRAINS,))
     compile: bool = option(False, "Compile the training step with torch.compile.", effect=(TRAINS,), off=False)
 
     def validate(self, given: Collection[str] = ()) -> None:
-        """See `Config.validate`; also refuses --motion-weight where no loss compares pixels."""
+        """See `Config.validate`; this method also refuses --motion-weight if no loss compares pixels."""
         super().validate(given)
         if "motion_weight" in given and self.motion_weight and {"trans", "rec"} <= set(self.without):
             raise UsageError(
@@ -99,20 +101,23 @@ class TranslatorConfig(Config):
         """Refuse a training without losses.
 
         Raises:
-            UsageError: All three losses are off.
+            UsageError: All three losses are switched off.
         """
         if set(self.without) >= set(LOSSES):
-            raise UsageError("--without trans, rec and align leaves no loss to train on: keep one of the three")
+            raise UsageError("--without trans, rec and align leaves no loss: keep one of the three")
 
 
 @dataclass(frozen=True)
 class TranslateConfig(Config):
-    """Translation of demonstrations into the learner's context (Sec. V.A)."""
+    """Configuration of the translation of demonstrations into the learner's context (Sec. V.A)."""
 
-    n: int = option(200, "Demonstrations to translate and average.", low=1, names=("-n", "--n"))
-    split: str = option("held-out", "Demonstrations to choose from.", SPLITS, tag="")
+    n: int = option(200, "Number of demonstrations to translate and average.", low=1, names=("-n", "--n"))
+    split: str = option("held-out", "Set of demonstrations to choose from.", SPLITS, tag="")
     align: str = option(
-        "", "Align translations in time before they are averaged (default: as in training).", ALIGNMENTS, tag=""
+        "",
+        "Temporal alignment of the translations before they are averaged (default: as in training).",
+        ALIGNMENTS,
+        tag="",
     )
     context_seed: int = option(0, "Seed of the learner's context.", low=0, effect=IN_SIMULATION)
     contexts: str = option(
@@ -124,14 +129,14 @@ class TranslateConfig(Config):
     )
     vary: str = option(
         "",
-        "What varies in the learner's context (default: what varies in the demonstrations).",
+        "Factors that vary in the learner's context (default: those that vary in the demonstrations).",
         effect=IN_SIMULATION,
         tag="vary-",
     )
     context_image: str = option(
         "",
-        "PNG of the learner's context, in place of a simulated one. For a look at the translation only: learn-policy "
-        "needs a simulated context.",
+        "PNG of the learner's context, instead of a simulated context. Only for inspecting the translation: "
+        "learn-policy needs a simulated context.",
         metavar="PATH",
     )
 

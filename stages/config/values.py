@@ -1,4 +1,4 @@
-"""Values for fields of configuration classes that come from elsewhere: from a file of options, from a user's task."""
+"""Checks of values for configuration fields that come from a file of options or from a user's task."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "
 
 
 def checked_value(config_class: type, name: str, value: Any) -> Any:
-    """`value` as the field `name` of a configuration class holds it.
+    """Return `value`, converted to the type of the field `name` of a configuration class.
 
     Raises:
-        ValueError: There is no such field, or it takes no such value; the message begins with `expected`.
+        ValueError: There is no such field, or the value is invalid for it; the message begins with `expected`.
     """
     found = {item.name: item for item in dataclasses.fields(config_class)}
     if name not in found:
@@ -45,16 +45,17 @@ def _scalar(kind: type, value: Any) -> Any:
 
 
 def meant(word: str, known: Collection[str]) -> str:
-    """The known word that `word` may stand for, or else all known words."""
+    """Return the known word that is similar to `word`, or otherwise all known words."""
     close = difflib.get_close_matches(word, list(known), n=1)
     return f"{close[0]}" if close else one_of(sorted(known))
 
 
 def checked_defaults(defaults: Any) -> TaskDefaults:
-    """Defaults of a task, as the stages hold them.
+    """Return the checked defaults of a task, with values of the fields' types.
 
     Args:
-        defaults: Preset -> stage -> field -> value; in place of a field a learner or a network with fields of its own.
+        defaults: Preset -> stage -> field -> value; instead of a field there may be a learner or network, with a
+            mapping of fields and values.
 
     Raises:
         ValueError: One line that names the entry and what was expected there.

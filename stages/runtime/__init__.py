@@ -1,1 +1,1 @@
-"""What a run needs: devices, processes, progress, checkpoints, seeding."""
+"""Infrastructure of runs: devices, processes, progress, outputs, checkpoints, interrupts, seeding."""

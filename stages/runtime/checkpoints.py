@@ -1,4 +1,4 @@
-"""Checkpoints of the stages that take long: one beside the artifact, until the artifact is there."""
+"""Checkpoints of long-running stages: one file next to the artifact, removed when the artifact is written."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ class Checkpoints:
         self, run: RunOptions, out: Path, stage: str, config: dict[str, Any], parents: Sequence[Path | Artifact]
     ):
         self._run, self._out, self._stage, self._config = run, out, stage, config
-        # Opened once: their digests are not computed again, and a file that takes a parent's place is not the parent.
+        # Opened only once, so that digests are not computed again and a file that replaces a parent is not recorded.
         self._parents = [parent if isinstance(parent, Artifact) else read_artifact(parent) for parent in parents]
         self._path = checkpoint_path(out)
         self._others = _identity(self._path)
 
     def start(self) -> Any:
-        """The state to continue from: that of the checkpoint if `run.resume` and there is one, else None.
+        """Return the state to continue from: the checkpoint's if `run.resume` is set and it exists, otherwise None.
 
         Raises:
-            UsageError: The checkpoint was written under another configuration, seed or input.
+            UsageError: The checkpoint was written with another configuration, seed or input.
         """
         if not self._run.resume:
             return None
         if not self._path.exists():
-            self._run.progress.say(f"no checkpoint beside {self._out}: starting from the beginning")
+            self._run.progress.say(f"no checkpoint next to {self._out}: starting from the beginning")
             return None
         manifest, state = read_checkpoint(self._path, stage=self._stage)
         found = manifest.config
@@ -52,14 +52,14 @@ class Checkpoints:
             other.append("input file")
         if other:
             raise UsageError(
-                f"--resume: {self._path} was written with another {', '.join(other)}; give the same, or start anew"
+                f"--resume: {self._path} was written with another {', '.join(other)}; use the same, or omit --resume"
             )
         self._others = None
         self._run.progress.say(f"resuming {self._out.name} from {self._path.name}")
         return state
 
     def save(self, state: Any) -> None:
-        """Write the checkpoint, whole or not at all; `state` is a tree of arrays and plain values."""
+        """Write the checkpoint atomically; `state` is a tree of arrays and plain values."""
         write_checkpoint(
             self._path,
             state,
@@ -71,20 +71,20 @@ class Checkpoints:
         )
 
     def interrupted(self, done: str) -> Interrupted:
-        """What to raise after a keyboard interrupt; `done` says how far the stage was."""
-        # By what is on the disk: the interrupt may have come between writing the checkpoint and saying so.
+        """Return the exception to raise after a keyboard interrupt; `done` describes the stage's progress."""
+        # Look at the file itself: the interrupt may have come between writing the checkpoint and recording that.
         if _identity(self._path) in (None, self._others):
             return Interrupted(f"interrupted after {done}; there is no checkpoint yet")
         again = self._run.command if self._run.resume else f"{self._run.command} --resume"
         return Interrupted(f"interrupted after {done}; kept {self._path}; continue with: {again}")
 
     def remove(self) -> None:
-        """Remove the checkpoint: the artifact is written."""
+        """Remove the checkpoint, after the artifact is written."""
         remove_checkpoint(self._out)
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """What tells a file from one that replaces it; None: there is none."""
+    """Return what distinguishes a file from one that replaces it; None: there is no file."""
     try:
         found = path.stat()
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""Which device, and how many threads and processes, a stage uses."""
+"""Choice of the device and of the number of threads and processes."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ MAX_WORKERS_A_CORE = 4
 
 
 def pick_device(device: str) -> str:
-    """The torch device to use; `auto` is CUDA where there is one.
+    """Return the torch device to use; `auto` selects CUDA if it is available.
 
     Raises:
-        PlatformError: The device asked for is not there.
+        PlatformError: The requested device is not available.
         UsageError: There is no such kind of device.
     """
     import torch
@@ -24,15 +24,15 @@ def pick_device(device: str) -> str:
         return device
     index = int(device.partition(":")[2] or 0)
     if not torch.cuda.is_available() or index >= torch.cuda.device_count():
-        raise PlatformError(f"--device {device}: torch sees no such CUDA device here; use --device cpu")
+        raise PlatformError(f"--device {device}: torch finds no such CUDA device; use --device cpu")
     return device
 
 
 def pick_workers(workers: int) -> int:
-    """Threads and render processes to use.
+    """Return the number of threads and render processes to use.
 
     Raises:
-        UsageError: Far more than there are cores.
+        UsageError: The requested number is much larger than the number of cores.
     """
     import os
 
@@ -43,7 +43,7 @@ def pick_workers(workers: int) -> int:
 
 
 def use_threads(workers: int) -> int:
-    """Let torch use `workers` threads; returns `workers`."""
+    """Let torch use `workers` threads, and return `workers`."""
     import torch
 
     torch.set_num_threads(workers)

@@ -1,4 +1,4 @@
-"""Ctrl-C and kill, where libraries swallow them."""
+"""Handling of Ctrl-C and `kill` where libraries would suppress them."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def heeded(at_once: bool = False) -> Iterator[Callable[[], None]]:
-    """Note Ctrl-C and kill while the block runs; yields a function that raises KeyboardInterrupt once one has come.
+    """Record Ctrl-C and `kill` during the block; yield a function that raises KeyboardInterrupt after such a signal.
 
-    Python raises it wherever it happens to be. In a callback from C, of which h5py makes many, it is printed and
-    forgotten, and the work goes on.
+    By default Python raises KeyboardInterrupt at the current position. In a callback from C, which h5py uses often, the
+    exception is printed and dropped, and the work continues.
 
     Args:
-        at_once: Raise it there, too: for work that takes long between two calls of the function.
+        at_once: Also raise the exception at the current position, for work with long times between calls of the
+            function.
     """
     came: list[int] = []
 
@@ -36,7 +37,7 @@ def heeded(at_once: bool = False) -> Iterator[Callable[[], None]]:
     if threading.current_thread() is not threading.main_thread():
         yield check
         return
-    # What is ignored, as Ctrl-C is by work in the background, stays so.
+    # Ignored signals stay ignored: background jobs, for example, ignore Ctrl-C.
     before = {number: signal.getsignal(number) for number in SIGNALS}
     heard = {number: handler for number, handler in before.items() if handler not in (signal.SIG_IGN, None)}
     try:
@@ -51,7 +52,7 @@ def heeded(at_once: bool = False) -> Iterator[Callable[[], None]]:
 
 @contextmanager
 def killable() -> Iterator[None]:
-    """`kill` ends the block as Ctrl-C does: what was half written is removed, and the message says how to go on."""
+    """Let `kill` end the block as Ctrl-C does: partial files are removed, and the message says how to continue."""
     before = signal.getsignal(signal.SIGTERM)
     if threading.current_thread() is not threading.main_thread() or before != signal.SIG_DFL:
         yield

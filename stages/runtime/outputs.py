@@ -1,4 +1,4 @@
-"""Where a stage writes, and what happens if a file is there already: nothing finished is replaced silently."""
+"""Output files of stages. A finished file is never replaced silently."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from artifacts import (
 )
 from stages.runtime.run import RunOptions, StageResult, full_config
 
-MOST_NAMED = 4  # differences that a message lists
+MOST_NAMED = 4  # maximum number of differences that a message lists
 
 
 @dataclass(frozen=True)
@@ -30,11 +30,11 @@ class Output:
     """The artifact that a stage is about to make.
 
     Attributes:
-        path: Where it goes.
-        kind: Its kind.
-        recipe: What the command asks for (`artifacts.recipe_of`), kept in the artifact.
-        run: How the stage runs.
-        found: Identity of the file that `path` named before the work began; None: there was none.
+        path: Path of the artifact.
+        kind: Kind of the artifact.
+        recipe: Requested stage, configuration, seed and inputs (`artifacts.recipe_of`), stored in the artifact.
+        run: Options of the run.
+        found: Identity of the file at `path` before the work began; None: there was none.
     """
 
     path: Path
@@ -54,16 +54,16 @@ class Output:
         parents: Sequence[Path | Artifact] = (),
         extra: Mapping[str, Any] | None = None,
     ) -> Output:
-        """The output of a stage with this configuration.
+        """Return the output of a stage with a given configuration.
 
         Args:
-            path: Where the artifact goes.
-            kind: Its kind.
+            path: Path of the artifact.
+            kind: Kind of the artifact.
             stage: Name of the stage.
             config: The stage's configuration, a dataclass.
-            run: How the stage runs.
+            run: Options of the run.
             parents: The artifacts that the stage reads.
-            extra: Whatever else decides the result, JSON values (the task, digests of other input files).
+            extra: Other values that determine the result, JSON values (the task, digests of other input files).
 
         Raises:
             ArtifactError: A parent cannot be read.
@@ -72,12 +72,12 @@ class Output:
         return cls(path, kind, recipe, run, _identity(path))
 
     def kept(self) -> StageResult | None:
-        """The finished artifact where it is exactly what the stage would make; None where there is nothing yet.
+        """Return the finished artifact if it is exactly what the stage would make; None if there is no file yet.
 
-        With --overwrite the answer is always None: the work is done again.
+        With --overwrite the result is always None: the work is done again.
 
         Raises:
-            UsageError: Another file is there, which would be replaced.
+            UsageError: A different file exists, which would be replaced.
         """
         if self.run.overwrite or self.found is None:
             return None
@@ -85,7 +85,7 @@ class Output:
         try:
             artifact = read_artifact(self.path)
         except ArtifactError as error:
-            raise UsageError(f"{self.path} exists and is no readable artifact ({error}): {way_out}") from error
+            raise UsageError(f"{self.path} exists and is not a readable artifact ({error}): {way_out}") from error
         if artifact.kind != self.kind:
             raise UsageError(f"{self.path} exists and holds a {artifact.kind}, not a {self.kind}: {way_out}")
         other = recipe_difference(artifact, self.recipe)
@@ -96,7 +96,7 @@ class Output:
         return StageResult(self.path, dict(artifact.manifest.summary))
 
     def made_from(self, parents: Sequence[Path | Artifact]) -> Output:
-        """The same output, of these parents."""
+        """Return the same output with other parents in its recipe."""
         contents = [parent.content if isinstance(parent, Artifact) else content_of(parent) for parent in parents]
         return dataclasses.replace(self, recipe={**self.recipe, "parents": contents})
 
@@ -112,14 +112,14 @@ class Output:
         """Write the artifact.
 
         Args:
-            arrays: Its datasets.
-            config: The whole configuration, with what the stage found out on the way.
-            summary: The stage's figures, which a later run that keeps the file prints again.
+            arrays: Datasets of the artifact.
+            config: The complete configuration, including values that the stage determined.
+            summary: The stage's figures, which are printed again by a later run that keeps the file.
             parents: The artifacts that it was made from.
             environment: Versions and devices.
 
         Raises:
-            UsageError: Another process has put a file there in the meantime.
+            UsageError: Another process has written the file in the meantime.
         """
         if not self.run.overwrite and _identity(self.path) != self.found:
             raise UsageError(
@@ -142,18 +142,18 @@ class Output:
 
 
 def name_tags(config: Any, usual: Any, run: RunOptions, seed: int, preset: str) -> str:
-    """What the default file name gets behind its stem, so that runs that differ do not share a name.
+    """Return the suffix of the default file name that distinguishes runs with different options.
 
     Args:
         config: The stage's configuration.
-        usual: What it is by default under this preset for this task.
-        run: How the stage runs.
-        seed: The seed that is not mentioned: the parent's.
-        preset: The preset that is not mentioned: the parent's.
+        usual: The default configuration for this preset and task.
+        run: Options of the run.
+        seed: The parent's seed, which the name does not mention.
+        preset: The parent's preset, which the name does not mention.
 
     Returns:
-        For example `-ppo-without-img-s1`: the values of fields marked `tag` that differ from `usual`, a preset and a
-        seed of the run's own.
+        For example `-ppo-without-img-s1`: the values of the fields marked `tag` that differ from `usual`, and the
+        preset and seed if they differ from the parent's.
     """
     tags = [] if run.preset == preset else [run.preset]
     for item in dataclasses.fields(config):
@@ -168,7 +168,7 @@ def name_tags(config: Any, usual: Any, run: RunOptions, seed: int, preset: str) 
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """What tells a file from one that replaces it; None: there is none."""
+    """Return what distinguishes a file from one that replaces it; None: there is no file."""
     try:
         found = path.lstat()
     except OSError:

@@ -1,14 +1,15 @@
-"""Several processes that train together, as `accelerate launch` (or torchrun) starts them, on one machine or more.
+"""Several processes that train together, started by `accelerate launch` or torchrun, on one or more machines.
 
-Every process does the same on its own share of each step's groups, and their gradients are averaged. The main process
-alone writes, prints and evaluates. What goes wrong is said once:
+Each process computes its own share of the groups of a step, and the gradients are averaged. Only the main process
+writes, prints and evaluates. Each error is reported once:
 
-- Before training, all tell each other whether they are fit (`ready`, `failed`); the first that is not says why.
-- In training, whoever fails says so and ends with an exit code that makes the launcher end the others, and what
-  others notice of that (a lost connection) stays unsaid.
+- Before training, all processes exchange whether they are ready (`ready`, `failed`); the first one that is not reports
+  why.
+- During training, a process that fails reports the error and ends with an exit code that makes the launcher end the
+  other processes. Those do not report the lost connection that they notice.
 
-A process that leaves the word to another ends with exit code 0: by any other, the launcher might end the one that has
-the word before it has spoken.
+A process that leaves the report to another one ends with exit code 0. With any other code, the launcher might end the
+reporting process too early.
 """
 
 from __future__ import annotations
@@ -24,30 +25,30 @@ if TYPE_CHECKING:
 
 
 class OtherFailed(IfoError):
-    """Another process says what went wrong: this one ends in silence."""
+    """Another process reports the error; this process ends silently."""
 
     exit_code = 0
 
 
 def process_count() -> int:
-    """Processes that were launched together; one, where nobody launched several."""
+    """Return the number of processes that were launched together; 1 without a launcher."""
     launched = {"RANK", "LOCAL_RANK", "WORLD_SIZE"} <= os.environ.keys()
     return int(os.environ["WORLD_SIZE"]) if launched else 1
 
 
 def is_main() -> bool:
-    """Whether this is the process that writes and prints."""
+    """Return whether this is the process that writes and prints."""
     return process_count() == 1 or os.environ["RANK"] == "0"
 
 
 class Processes:
-    """The processes of this run; by default there is just this one, and nothing here does anything.
+    """The processes of this run. By default there is only this one, and all methods are no-ops.
 
     Attributes:
-        count: How many there are.
-        index: This one's number, from 0; 0 is the main process.
-        here: How many run on this machine.
-        device: This one's own torch device; empty: whatever --device says.
+        count: Number of processes.
+        index: Index of this process, from 0; 0 is the main process.
+        here: Number of processes on this machine.
+        device: Torch device of this process; empty: the device given by --device.
     """
 
     def __init__(self, count: int = 1, index: int = 0, here: int = 1, device: str = ""):
@@ -60,21 +61,21 @@ class Processes:
         return self.index == 0
 
     def share(self, groups: int) -> range:
-        """The groups of a step that this process computes, of `groups`.
+        """Return the indices of the groups of a step, out of `groups`, that this process computes.
 
         Raises:
-            UsageError: They cannot be shared out evenly.
+            UsageError: The groups cannot be shared evenly.
         """
         if groups % self.count:
             raise UsageError(f"--groups {groups} with {self.count} processes: expected a multiple of {self.count}")
         return range(self.index, groups, self.count)
 
     def ready(self, step: int) -> None:
-        """Wait until all processes are about to train on from `step`.
+        """Wait until all processes are ready to train from `step` on.
 
         Raises:
-            OtherFailed: Another is not, and says why.
-            UsageError: They are not at the same step.
+            OtherFailed: Another process is not ready, and reports why.
+            UsageError: The processes are not at the same step.
         """
         if self.count == 1:
             return
@@ -83,25 +84,25 @@ class Processes:
         if any(code for code, _ in met):
             raise OtherFailed
         if len({at for _, at in met}) > 1:
-            unlike = UsageError("--resume: the processes see different checkpoints; keep --out on a disk they share")
+            unlike = UsageError("--resume: the processes see different checkpoints; put --out on a shared disk")
             raise _said_by_main(unlike, self.main)
 
     def failed(self, error: IfoError) -> bool:
-        """Whether it is for this process to say `error`, which ends it."""
+        """Return whether this process must report `error`, which ends it."""
         if self.count == 1:
             return True
         if isinstance(error, OtherFailed):
             return False
         if self._training:
-            return self.main or not isinstance(error, Interrupted)  # A keyboard interrupt reaches them all.
+            return self.main or not isinstance(error, Interrupted)  # A keyboard interrupt reaches all processes.
         return next(index for index, (code, _) in enumerate(self._meet(1, 0)) if code) == self.index
 
     def mean(self, values: Tensor) -> Tensor:
-        """Mean of the processes' `values`, the same bits in each of them."""
+        """Return the mean of `values` over all processes, bit for bit the same in each process."""
         return values if self.count == 1 else self._together("reduce", values, reduction="mean")
 
     def finish(self) -> None:
-        """Wait for all, and part: nothing is left to be done together."""
+        """Wait for all processes, then leave the process group."""
         if self.count > 1:
             from accelerate import PartialState
 
@@ -109,38 +110,38 @@ class Processes:
             PartialState().destroy_process_group()
 
     def _meet(self, code: int, step: int) -> list[list[int]]:
-        """Every process's `code` and `step`, in their order."""
+        """Return `code` and `step` of every process, in the order of their indices."""
         import torch
 
         own = torch.tensor([[code, step]], device=self.device)
         return self._together("gather", own).tolist()
 
     def _together(self, operation: str, values: Tensor, **options: Any) -> Tensor:
-        """One of accelerate's operations on all processes' values."""
+        """Apply one of accelerate's operations to the values of all processes."""
         from accelerate.utils import operations
 
         try:
             return getattr(operations, operation)(values, **options)
-        except RuntimeError as error:  # What torch makes of a lost connection.
+        except RuntimeError as error:  # torch raises this if the connection is lost.
             lost = PlatformError(
-                "the connection to another process of this training is lost: see what that one said; where there is a "
-                "checkpoint, --resume continues from it"
+                "the connection to another process of this training is lost: see the message of that process; if there "
+                "is a checkpoint, --resume continues from it"
             )
             raise _said_by_main(lost, self.main) from error
 
 
 def join(stage: str, device: str, shared: bool) -> Processes:
-    """Meet the processes that were launched with this one, if any were.
+    """Join the processes that were launched together with this one, if any.
 
     Args:
         stage: Name of the stage that they run.
-        device: What --device says.
-        shared: Whether the stage's work can be shared.
+        device: Value of --device.
+        shared: Whether several processes can run the stage together.
 
     Raises:
         PlatformError: accelerate or a GPU is missing.
-        UsageError: The stage cannot be shared, or not on that device.
-        OtherFailed: As above, in all but the main process.
+        UsageError: Several processes cannot run the stage, or not on that device.
+        OtherFailed: One of the above, in all processes except the main process.
     """
     count = process_count()
     if count == 1:
@@ -157,15 +158,15 @@ def join(stage: str, device: str, shared: bool) -> Processes:
 
 
 def _check(stage: str, device: str, shared: bool, count: int, here: int) -> bool:
-    """Whether `count` processes, `here` of them on this machine, share the stage's work on the CPU; or raise."""
+    """Return whether the processes (`count`, of them `here` on this machine) train on the CPU; raise if they cannot."""
     if not shared:
-        raise UsageError(f"{stage} runs in one process, expected no launcher of {count}")
+        raise UsageError(f"{stage} runs in one process, but a launcher started {count}: run it without a launcher")
     if find_spec("accelerate") is None:
-        raise PlatformError(f"{count} processes train together by accelerate: pip install 'ifo[accelerate]'")
+        raise PlatformError(f"{count} processes need accelerate to train together: pip install 'ifo[accelerate]'")
     if device.startswith("cuda:"):
         raise UsageError(
-            f"--device {device} with {count} processes: each takes a GPU of its own; leave it out, or choose by "
-            "CUDA_VISIBLE_DEVICES"
+            f"--device {device} with {count} processes: each process uses its own GPU; leave --device out, or select "
+            "GPUs with CUDA_VISIBLE_DEVICES"
         )
     import torch
 
@@ -175,12 +176,12 @@ def _check(stage: str, device: str, shared: bool, count: int, here: int) -> bool
     on_cpu = pick_device("cpu" if device == "auto" and asked_of_launcher else device) == "cpu"
     if not on_cpu and here > torch.cuda.device_count():
         raise PlatformError(
-            f"{here} processes on a machine with {torch.cuda.device_count()} GPUs: launch as many as there are GPUs, "
-            "or give --device cpu"
+            f"{here} processes on a machine with {torch.cuda.device_count()} GPUs: launch at most one per GPU, or give "
+            "--device cpu"
         )
     return on_cpu
 
 
 def _said_by_main(error: IfoError, main: bool) -> IfoError:
-    """What a process raises for an error that all of them meet: the error itself in the main one alone."""
+    """Return what to raise for an error that occurs in all processes: the error itself only in the main process."""
     return error if main else OtherFailed(str(error))

@@ -1,4 +1,4 @@
-"""Progress on standard error: a bar with rate and time left on a terminal, plain lines elsewhere."""
+"""Progress on standard error: a bar with rate and remaining time on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ PLAIN_INTERVAL = 15.0  # seconds between two plain lines
 
 
 class Progress:
-    """Where a stage reports its progress. Nothing here ever writes to standard output."""
+    """Progress reports of a stage. They never go to standard output."""
 
     def __init__(self, quiet: bool = False):
         self._quiet = quiet
 
     def say(self, text: str) -> None:
-        """One line for people."""
+        """Print one line for the user."""
         if not self._quiet:
             _print_line(text)
 
     @contextmanager
     def bar(self, description: str, total: int, unit: str, done: int = 0) -> Iterator[Bar]:
-        """Show work of `total` units while the block runs; `done` of them were done before, by an interrupted run."""
+        """Show the progress of `total` units during the block; an interrupted run has done the first `done` units."""
         if self._quiet:
             yield Bar()
         elif sys.stderr.isatty():
@@ -37,10 +37,10 @@ class Progress:
 
 
 class Bar:
-    """Progress of one piece of work."""
+    """Progress display of one task."""
 
     def update(self, done: int, **figures: Any) -> None:
-        """Show that `done` units are done, and current figures."""
+        """Show the number of finished units, `done`, and current figures."""
 
 
 class _PlainBar(Bar):
@@ -65,7 +65,7 @@ class _PlainBar(Bar):
 
 
 class _Rate:
-    """Units per second since this run began; what was done before it does not count."""
+    """Units per second since this run began, without units from an interrupted run."""
 
     def __init__(self, done: int):
         self._before, self._start = done, time.monotonic()
@@ -75,7 +75,7 @@ class _Rate:
 
 
 def _print_line(text: str) -> None:
-    with suppress(OSError):  # Nobody reads standard error any more: no reason to stop the work.
+    with suppress(OSError):  # The work continues even if nobody reads standard error any more.
         print(text, file=sys.stderr, flush=True)
 
 

@@ -1,4 +1,4 @@
-"""What every stage is told beside its own configuration, and what it answers."""
+"""Options of a run that are common to all stages, and the result of a stage."""
 
 from __future__ import annotations
 
@@ -21,17 +21,18 @@ class RunOptions:
     """How to run a stage.
 
     Attributes:
-        preset: Name of the preset that open options came from; recorded for the stages downstream.
+        preset: Name of the preset that set the options which were not given; recorded for later stages.
         seed: The run's only seed.
         device: `auto`, `cpu`, `cuda` or `cuda:N`.
-        workers: Threads and render processes; 0: one a core.
+        workers: Number of threads and render processes; 0: one per core.
         out: Path of the artifact; None: `runs/NAME.KIND.h5`.
-        resume: Continue from the checkpoint beside `out` where there is one.
-        overwrite: Replace a finished artifact at `out`, even if it is just what the stage would make.
+        resume: Continue from the checkpoint next to `out`, if there is one.
+        overwrite: Replace a finished artifact at `out`, even if it is exactly what the stage would make.
         command: The command line, for the artifact's lineage.
-        progress: Where progress and messages go.
+        progress: Receiver of progress and messages.
         processes: The processes that share the run.
-        given: Names of the options that the user gave; None: those whose values no preset and no task of ours brings.
+        given: Names of the options that the user gave; None: the options whose values come from no preset and no
+            built-in task.
     """
 
     preset: str = DEFAULT_PRESET
@@ -49,14 +50,14 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class StageResult:
-    """What a stage wrote: the artifact's path, and figures for `--json` and for people."""
+    """Result of a stage: the artifact's path, and figures for `--json` and for messages."""
 
     path: Path
     summary: dict[str, Any]
 
 
 def check(stage: str, config: Config, run: RunOptions) -> None:
-    """Refuse options of a stage that contradict each other, and given ones that have no effect.
+    """Refuse contradictory options of a stage, and given options that have no effect.
 
     Raises:
         UsageError: One line that names the option and what to do.
@@ -66,18 +67,18 @@ def check(stage: str, config: Config, run: RunOptions) -> None:
 
 
 def full_config(stage: str, config: Any, run: RunOptions, **extra: Any) -> dict[str, Any]:
-    """The whole configuration of a run as JSON-ready values, as the artifact keeps it."""
+    """Return the complete configuration of a run as JSON-ready values, as stored in the artifact."""
     values = {key: list(value) if isinstance(value, tuple) else value for key, value in vars_of(config).items()}
     return {"stage": stage, "preset": run.preset, **extra, **values}
 
 
 def vars_of(config: Any) -> dict[str, Any]:
-    """The fields of a configuration dataclass."""
+    """Return the fields of a configuration dataclass and their values."""
     return {item.name: getattr(config, item.name) for item in dataclasses.fields(config)}
 
 
 def environment(device: str = "cpu") -> dict[str, str]:
-    """Versions and devices that a result may depend on."""
+    """Return versions and devices that may affect a result."""
     import os
 
     versions = {name: metadata.version(name) for name in ("torch", "mujoco", "numpy", "stable-baselines3")}

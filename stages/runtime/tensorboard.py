@@ -1,4 +1,4 @@
-"""Scalars for TensorBoard, in a folder beside the artifact."""
+"""Scalars for TensorBoard, in a folder next to the artifact."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from artifacts import PlatformError
 
 
 class TensorBoard:
-    """Writes scalars until its block ends; what an earlier run wrote after step `done` is hidden.
+    """Writer of scalars, used as a context manager; scalars that an earlier run wrote after step `done` are hidden.
 
     Raises:
         PlatformError: The folder cannot be written. Every method may raise it.
@@ -57,13 +57,13 @@ class TensorBoard:
         except OSError as error:
             reason = error.strerror or str(error)
             raise PlatformError(
-                f"{self._folder}: cannot be written ({reason}): free some room or choose another place"
+                f"{self._folder}: cannot be written ({reason}): free some space or choose another location"
             ) from error
 
 
 @contextmanager
 def _silent_writer_thread() -> Iterator[None]:
-    """While the block runs, TensorBoard's own thread prints no OSError: whoever writes next gets it raised again."""
+    """Suppress OSErrors printed by TensorBoard's own thread in the block; the next write raises the error again."""
     usual = threading.excepthook
 
     def hook(what: threading.ExceptHookArgs) -> None:

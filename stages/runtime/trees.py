@@ -1,4 +1,4 @@
-"""Torch state dicts as trees of NumPy arrays and plain numbers, the form that checkpoints hold, and back."""
+"""Conversion of torch state dicts to trees of NumPy arrays and plain numbers, as stored in checkpoints, and back."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ def test_words_in_bytes_of_old(run_ifo, make, name):
         ("--format lerobot --fps -1", ["--fps -1", "0 to 1000"]),
         ("--format lerobot --fps 2.5", ["--fps"]),
         ("--format minari --camera top", ["--camera top", "--format lerobot or robomimic"]),
-        ("--format lerobot --camera a/b", ["--camera", "such as front"]),
+        ("--format lerobot --camera a/b", ["--camera", "for example front"]),
         ("--format lerobot --out set.h5", ["--out set.h5", "folder"]),
         ("--format robomimic --out set", ["--out set", ".hdf5"]),
         ("--format lerobot --lossles", ["--lossles"]),

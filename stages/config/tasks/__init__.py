@@ -1,4 +1,4 @@
-"""The tasks of ours, in the order in which help texts list them, each with its own defaults. Light imports only."""
+"""The built-in tasks with their own defaults, in the order of the help texts. Light imports only."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ ENTRIES: dict[str, TaskEntry] = {module.TASK.name: module.TASK for module in _MO
 
 
 def entry(name: str) -> TaskEntry | None:
-    """The task of ours that is called `name`, such as `reach` or `dm:reacher-easy`; None: it is none of ours."""
+    """Return the entry of the built-in task `name`, for example `dm:reacher-easy`; None: it is not a built-in task."""
     family, colon, _ = name.partition(":")
     return ENTRIES.get(family + colon if colon else name)
 
 
 def own_defaults(name: str) -> TaskDefaults:
-    """What the task of ours that is called `name` needs otherwise than the presets; empty: nothing, or not ours."""
+    """Return the own defaults of the built-in task `name`; empty: it has none, or is not a built-in task."""
     found = entry(name)
     return found.defaults if found else {}

@@ -1,4 +1,4 @@
-"""Defaults of the tasks of dm_control's suite, `dm:DOMAIN-TASK`."""
+"""Defaults of the tasks in dm_control's suite, `dm:DOMAIN-TASK`."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""What is known of a task without importing a simulator."""
+"""Information about a task that is available without importing a simulator."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-# Preset -> stage -> field -> value, where the task needs another value than the preset has. In place of a field there
-# may stand a learner or a network (`gps`, `real`), with the fields that hold only with it.
+# Preset -> stage -> field -> value, for values that differ from the preset's. Instead of a field there may be a learner
+# or a network (`gps`, `real`), with the fields and values that apply only to it.
 TaskDefaults = Mapping[str, Mapping[str, Mapping[str, Any]]]
 
 
 @dataclass(frozen=True)
 class TaskEntry:
-    """A task of ours.
+    """A built-in task.
 
     Attributes:
-        name: What the command line calls it; where it ends with a colon, what such names begin with.
-        where: MODULE:ATTR of its class.
-        household: Whether a person demonstrates it, in place of a trained expert.
-        defaults: What it needs otherwise than the presets; the class has the same attribute.
+        name: Name on the command line, or a prefix of such names if it ends with a colon.
+        where: MODULE:ATTR of the task's class.
+        household: Whether a scripted demonstrator demonstrates the task, instead of a trained expert.
+        defaults: Defaults that differ from the presets; the class has the same attribute.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Defaults that the household tasks share."""
+"""Common defaults of the household tasks."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from stages.config.tasks.entry import TaskDefaults
 
 
 def household(demos: int, fine_blur: float, rollouts: tuple[int, int]) -> TaskDefaults:
-    """Defaults of a household task.
+    """Return the defaults of a household task.
 
     Args:
-        demos: Demonstrations to collect: as many as the paper has, but for the ladle.
-        fine_blur: --fine-blur under guided policy search, in pixels.
-        rollouts: Iterations of guided policy search, and episodes per iteration, in preset quick.
+        demos: Number of demonstrations to collect: as in the paper, except for the ladle.
+        fine_blur: --fine-blur with guided policy search, in pixels.
+        rollouts: Iterations of guided policy search and episodes per iteration, in preset quick.
     """
-    # Seven joints that all tremble move a tool far.
+    # Exploration noise is small, because noise in seven joints moves the tool far.
     calm: dict[str, Any] = {"log_std": -1.2}
-    # Early frames and wide blurs lead to where the tool is to go (results/LOG.md).
+    # Full weight of early frames and a wide blur guide the tool to its target (results/LOG.md).
     seen = {**calm, "blur": 8.0, "fine_blur": fine_blur, "ramp": "none"}
     iterations, episodes = rollouts
     return {

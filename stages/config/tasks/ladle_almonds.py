@@ -7,6 +7,6 @@ TASK = TaskEntry(
     "ladle-almonds",
     "stages.simulation.tasks.household_ladle:LadleAlmonds",
     household=True,
-    # The paper has 60 demonstrations, to which our translators overfit.
+    # The paper has 60 demonstrations, but our translators overfit to so few.
     defaults=household(demos=180, fine_blur=3.0, rollouts=(50, 10)),
 )

@@ -7,6 +7,6 @@ TASK = TaskEntry(
     "push-real",
     "stages.simulation.tasks.household_push:PushReal",
     household=True,
-    # One large can is seen well enough under a wide blur.
+    # A wide blur suffices, because the can is large.
     defaults=household(demos=135, fine_blur=0.0, rollouts=(25, 20)),
 )

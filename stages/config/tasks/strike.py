@@ -7,7 +7,7 @@ from stages.config.tasks.entry import TaskEntry
 _LONGER: dict[str, Any] = {"train-expert": {"iterations": 200}, "train-translator": {"swap_colours": False}}
 _QUICK: dict[str, Any] = {
     **_LONGER,
-    # R_feat bars the way to the ball (results/LOG.md).
+    # R_feat keeps the arm away from the ball (results/LOG.md).
     "learn-policy": {"image_weight": 8.0},
 }
 

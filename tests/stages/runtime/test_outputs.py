@@ -83,7 +83,7 @@ def test_another_input_is_refused_and_an_equal_one_kept(tmp_path):
 def test_files_that_are_something_else_are_refused(tmp_path):
     path = tmp_path / "a.policy.h5"
     path.write_text("my notes")
-    with pytest.raises(UsageError, match="no readable artifact"):
+    with pytest.raises(UsageError, match="not a readable artifact"):
         output(path).kept()
     write_artifact(path, "translator", ARRAYS, config={}, seed=0, command="ifo")
     with pytest.raises(UsageError, match="holds a translator"):

@@ -41,7 +41,7 @@ def test_groups_are_shared_out_evenly():
     ("stage", "device", "shared", "said"),
     [
         ("learn-policy", "auto", False, "learn-policy runs in one process"),
-        ("train-translator", "cuda:1", True, "each takes a GPU of its own"),
+        ("train-translator", "cuda:1", True, "each process uses its own GPU"),
         ("train-translator", "tpu", True, "expected auto, cpu, cuda or cuda:N"),
     ],
 )

@@ -99,7 +99,7 @@ class TestOtherRuns:
 def test_says_what_it_resumes_from_or_that_there_is_nothing(tmp_path, capsys):
     run = Checkpoints(RunOptions(resume=True), tmp_path / "x.expert.h5", "train-expert", {}, [])
     run.start()
-    assert "no checkpoint beside" in capsys.readouterr().err
+    assert "no checkpoint next to" in capsys.readouterr().err
     run.save({"done": 1})
     run.start()
     assert "resuming x.expert.h5 from x.expert.checkpoint.h5" in capsys.readouterr().err

@@ -10,7 +10,7 @@ from stages.runtime.tensorboard import TensorBoard
 
 def test_a_folder_that_cannot_be_made(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(PlatformError, match=r"x\.tensorboard: cannot be written .*choose another place"):
+    with pytest.raises(PlatformError, match=r"x\.tensorboard: cannot be written .*choose another location"):
         TensorBoard(tmp_path / "file" / "x.tensorboard")
 
 
