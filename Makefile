@@ -15,14 +15,14 @@ help: ## Show the targets.
 $(STAMP): pyproject.toml constraints.txt .ci/setup.sh
 	@PYTHON="$(PYTHON)" bash .ci/setup.sh
 
-setup: $(STAMP) ## Make .venv with everything that ifo needs.
+setup: $(STAMP) ## Create .venv with everything that ifo needs.
 
-demo: setup ## The main job: learn to reach from videos of other contexts, preset quick. Run it again to resume.
+demo: setup ## Learn to reach from videos in other contexts, with preset quick. Run it again to resume.
 	@mkdir -p runs
 	@ifo collect-demos reach --preset quick | ifo train-translator --resume | ifo translate | ifo learn-policy --resume \
 	    | ifo evaluate --json > runs/demo.json.part
 	@mv runs/demo.json.part runs/demo.json
-	@echo "Normalized final distance to the goal (1: the distance at the start):"
+	@echo "Normalized final distance to the goal (1: the initial distance):"
 	@python -m json.tool runs/demo.json | grep -E '"normalised_distance(_stochastic)?":|"success_[a-z]+":'
 	@echo "All figures: runs/demo.json. Videos:"
 	@ls runs/reach.demos.mp4 runs/reach-c0.*.mp4 | sed 's/^/  /'
@@ -35,7 +35,7 @@ slow: setup ## Run the tests that take minutes.
 	@pytest -m slow
 
 SEED ?= 1
-mutants: setup ## Break the code in a random sample of places (SEED=1) and count what the tests notice: takes an hour.
+mutants: setup ## Mutation testing with a random sample of code changes (SEED=1); takes an hour.
 	@python -c 'import importlib.util, sys; sys.exit(not importlib.util.find_spec("mutmut"))' \
 	    || python -m pip install --quiet -e '.[mutants]' -c constraints.txt
 	@python tests/mutation/mutants.py --seed $(SEED)
@@ -48,16 +48,16 @@ check: setup ## Lint, formatting and types.
 	@ruff format --check .
 	@mypy
 
-format: setup ## Mend lint and formatting.
+format: setup ## Fix lint and formatting.
 	@ruff check --fix .
 	@ruff format .
 
-bench: setup ## Run the benchmarks that take minutes; one JSON line each. (translator_learning.py takes an hour.)
+bench: setup ## Run the benchmarks that take minutes; each prints one JSON line. (translator_learning.py takes an hour.)
 	@for benchmark in $(filter-out %/translator_learning.py,$(wildcard benchmarks/*.py)); do python "$$benchmark"; done
 
-fresh: ## Try the current commit on a bare Debian in a temporary folder (root, debootstrap); TESTS=... chooses the tests.
+fresh: ## Try the current commit on a bare Debian in a temporary folder (needs root, debootstrap); TESTS=... selects tests.
 	@TESTS="$(TESTS)" bash .ci/fresh.sh
 
-clean: ## Remove caches and the virtual environment; runs/ stays.
+clean: ## Remove caches and the virtual environment, but not runs/.
 	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

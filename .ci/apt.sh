@@ -1,4 +1,4 @@
-# Debian packages for the other scripts here, which source this file. Output is printed only where a command fails.
+# Functions that install Debian packages, for the other scripts in this folder. Output is printed only on failure.
 
 root_with_apt() { [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; }
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Install the browser that tests of `ifo report` play videos in, if apt-get can. Without one these tests are skipped.
+# Install the browser in which tests of `ifo report` play videos, if apt-get can. Without a browser they are skipped.
 set -euo pipefail
 # shellcheck source=.ci/apt.sh
 source "$(dirname "$0")/apt.sh"
@@ -8,5 +8,5 @@ for browser in chromium google-chrome; do
     if command -v $browser >/dev/null; then exit; fi
 done
 root_with_apt || exit 0
-echo "setup: installing chromium to test reports with" >&2
+echo "setup: installing chromium for the tests of reports" >&2
 apt_install chromium || echo "setup: chromium cannot be installed: tests that need it are skipped" >&2

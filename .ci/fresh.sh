@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Try the current commit on a bare Debian 12 that has only git and make: set-up, `ifo doctor`, the toy pipe and a
-# sample of the tests. Needs root and debootstrap. TMPDIR is where the folder goes (4 GB, or 8 GB with the CUDA build
-# of torch); TESTS chooses the tests.
+# Try the current commit on a bare Debian 12 that has only git and make: setup, `ifo doctor`, the toy pipeline and a
+# sample of the tests. Needs root and debootstrap. TMPDIR is the location of the folder (4 GB, or 8 GB with the CUDA
+# build of torch); TESTS selects the tests.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 # shellcheck source=.ci/apt.sh
@@ -15,19 +15,19 @@ die() { say "$*"; exit 4; }
 
 outside() {
     local program
-    [ "$(id -u)" = 0 ] || die "this needs root, to make a Debian in a folder: sudo make fresh"
+    [ "$(id -u)" = 0 ] || die "this needs root, to install Debian in a folder: sudo make fresh"
     for program in debootstrap unshare setpriv git; do
         command -v $program >/dev/null || die "$program is missing: apt-get install -y debootstrap util-linux git"
     done
-    [ -z "$(git status --porcelain)" ] || say "uncommitted changes are left out"
+    [ -z "$(git status --porcelain)" ] || say "uncommitted changes are ignored"
     folder=$(mktemp -d "${TMPDIR:-/tmp}/ifo-fresh.XXXXXX")
     namespace=
     trap clean_up EXIT
     trap 'exit 130' INT
     trap 'exit 143' TERM
     trap 'exit 129' HUP
-    # Every mount is made in a namespace of its own and ends with its processes, and these end with this script.
-    # In the background, because bash handles no signal while it waits for a command in the foreground.
+    # All mounts are in a separate namespace, which ends with its processes, and these end with this script. It runs in
+    # the background, because bash does not handle signals while it waits for a command in the foreground.
     setpriv --pdeathsig KILL unshare --mount --pid --fork --kill-child --mount-proc \
         bash .ci/fresh.sh inside "$folder/root" &
     namespace=$!
@@ -42,7 +42,7 @@ clean_up() {
         kill -KILL $namespace 2>/dev/null || true
         wait $namespace 2>/dev/null || true
     fi
-    for _ in {1..50}; do  # The processes of the namespace need a moment to end.
+    for _ in {1..50}; do  # The processes in the namespace need a moment to end.
         rm -rf --one-file-system "$folder" 2>/dev/null && return
         sleep 0.2
     done
@@ -51,7 +51,7 @@ clean_up() {
 
 inside() {
     local root=$1 tests=${TESTS:-$DEFAULT_TESTS}
-    say "making a minimal Debian ($SUITE) in $root"
+    say "installing a minimal Debian ($SUITE) in $root"
     bootstrap "$root"
     hand_on_network "$root"
     hand_on_pip "$root"
@@ -61,7 +61,7 @@ inside() {
     in_root "$root" make setup
     say "ifo doctor"
     in_root "$root" .venv/bin/ifo doctor
-    say "the toy pipe"
+    say "the toy pipeline"
     in_root "$root" bash -o pipefail -c 'PATH=$PWD/.venv/bin:$PATH
         ifo collect-demos reach --preset toy | ifo train-translator | ifo translate | ifo learn-policy | ifo evaluate --json'
     say "tests: $tests"
@@ -69,18 +69,18 @@ inside() {
     in_root "$root" .venv/bin/python -m pytest -q -n auto --dist loadfile $tests
 }
 
-# The mirror is the one that this machine's apt uses for the suite, if it does; else debootstrap's own choice.
+# Uses the mirror that this machine's apt uses for the suite, or else debootstrap's default.
 bootstrap() {
     local root=$1 mirror
     mirror=$(apt-get indextargets --format '$(REPO_URI)' 'Created-By: Packages' "Release: $SUITE" 2>/dev/null | sed -n 1p) ||
         true
     quietly debootstrap --variant=minbase --include=git,make,ca-certificates $SUITE "$root" ${mirror:+"$mirror"} ||
-        die "debootstrap fails (its messages are above)"
+        die "debootstrap failed (see its messages above)"
     mount -t proc proc "$root/proc"
     mount --rbind /dev "$root/dev"
 }
 
-# How this machine reaches the network: its names, certificates, and apt's proxies and passwords.
+# Copies this machine's network settings: host names, certificates, and apt's proxies and passwords.
 hand_on_network() {
     local root=$1 name
     for name in resolv.conf hosts apt/auth.conf apt/auth.conf.d; do
@@ -93,7 +93,7 @@ hand_on_network() {
     fi
 }
 
-# Where this machine's pip finds packages. Folders are mounted read-only, because they may hold many packages.
+# Copies this machine's pip settings. Package folders are mounted read-only, because they may be large.
 hand_on_pip() {
     local root=$1 path
     { python3 -m pip config list || pip config list || true; } 2>/dev/null |
@@ -110,7 +110,7 @@ hand_on_pip() {
     done < "$root/tmp/paths"
 }
 
-# Run a command in the clone, with nothing of this machine's environment but proxies.
+# Run a command in the clone. From this machine's environment, only the proxy variables are kept.
 in_root() {
     local root=$1 name settings=()
     shift

@@ -1,7 +1,7 @@
-"""Hand pip's settings on to another root folder, so that pip finds packages there as it does here.
+"""Copy pip's settings to another root folder, so that pip finds packages there as on this machine.
 
-Reads the output of `pip config list` from standard input and writes ROOT/etc/pip.conf. Prints the files and folders
-that the settings name, one per line: the same paths must exist in ROOT.
+The script reads the output of `pip config list` from standard input and writes ROOT/etc/pip.conf. It prints the files
+and folders that the settings name, one per line: the same paths must exist in ROOT.
 
     pip config list | python3 .ci/pip_settings.py ROOT
 """
@@ -13,7 +13,7 @@ import configparser
 import sys
 from pathlib import Path
 
-# Where packages come from, and how they are fetched. Other settings (a cache, a log) are this machine's own.
+# Settings for the sources and the download of packages. Other settings (a cache, a log) apply only to this machine.
 INDEXES = ("index-url", "extra-index-url")
 KEPT = (
     *INDEXES,
@@ -31,7 +31,7 @@ KEPT = (
 
 
 def parse(lines: list[str]) -> dict[str, dict[str, str]]:
-    """Settings by section; those of the environment count as global ones and override the files'."""
+    """Return settings by section; settings from the environment are global and override those from files."""
     sections: dict[str, dict[str, str]] = {}
     for line in sorted(lines, key=lambda line: line.startswith(":env:")):
         name, equals, value = line.partition("=")
@@ -42,14 +42,14 @@ def parse(lines: list[str]) -> dict[str, dict[str, str]]:
 
 
 def named_paths(sections: dict[str, dict[str, str]]) -> list[str]:
-    """The files and folders of this machine that the settings name."""
+    """Return the files and folders of this machine that the settings name."""
     found = set()
     for settings in sections.values():
         for key, value in settings.items():
             for word in value.split():
                 path = Path(word.removeprefix("file://"))
                 if key in INDEXES:
-                    path = path.parent  # An index's files usually lie beside its list of projects.
+                    path = path.parent  # The files of an index are usually next to its list of projects.
                 if path.is_absolute() and path.exists() and path != Path(path.anchor):
                     found.add(str(path))
     return sorted(found)

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Make .venv: pinned packages, the CPU build of torch if there is no GPU, and the OpenGL libraries for rendering.
-# `make` runs it when pyproject.toml or constraints.txt is newer than the last run that succeeded.
+# Create .venv: pinned packages, the CPU build of torch if there is no GPU, and the OpenGL libraries for rendering.
+# `make` runs it if pyproject.toml, constraints.txt or this file is newer than the last successful run.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 # shellcheck source=.ci/apt.sh
@@ -12,7 +12,7 @@ readonly TORCH_CPU_INDEX=https://download.pytorch.org/whl/cpu
 say() { echo "setup: $*" >&2; }
 die() { say "$*"; exit 4; }
 
-# dm-control needs labmaze, which has no wheel for later versions. The same range as requires-python in pyproject.toml.
+# dm-control needs labmaze, which has no wheel for later versions. Same range as requires-python in pyproject.toml.
 readonly PYTHONS="Python 3.11 or 3.12"
 suits() { "$1" -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 13))' 2>/dev/null; }
 
@@ -42,14 +42,14 @@ make_venv() {
     suits $VENV/bin/python && $VENV/bin/python -m pip --version >/dev/null 2>&1 && return
     local python
     python=$(find_python)
-    say "making $VENV with $("$python" --version)"
+    say "creating $VENV with $("$python" --version)"
     if ! "$python" -m venv --clear $VENV >/dev/null 2>&1; then
         root_with_apt && apt_install python3-venv || true
-        "$python" -m venv --clear $VENV >&2 || die "no virtual environment can be made: on Debian, sudo apt-get install python3-venv"
+        "$python" -m venv --clear $VENV >&2 || die "cannot create a virtual environment: on Debian, sudo apt-get install python3-venv"
     fi
 }
 
-# Whether an index answers within seconds: one that does not would hold up every package.
+# Succeeds if an index answers within seconds: one that does not would delay the installation of every package.
 answers() {
     $VENV/bin/python - "$1" <<'PYTHON' 2>/dev/null
 import sys, urllib.request
@@ -57,10 +57,10 @@ urllib.request.urlopen(urllib.request.Request(sys.argv[1], method="HEAD"), timeo
 PYTHON
 }
 
-# --use-pep517: what comes as a source distribution without pyproject.toml is built by the supported route.
+# --use-pep517: source distributions without pyproject.toml are built in the supported way.
 pip_install() {
     quietly $VENV/bin/python -m pip install --quiet --disable-pip-version-check --use-pep517 "$@" ||
-        die "pip cannot install the packages (its messages are above)"
+        die "pip cannot install the packages (see its messages above)"
 }
 
 install_packages() {
@@ -71,19 +71,19 @@ install_packages() {
             say "installing $torch, the CPU build"
             pip_install "$torch" -c constraints.txt --extra-index-url $TORCH_CPU_INDEX
         else
-            say "$TORCH_CPU_INDEX does not answer: $torch comes from the usual index"
+            say "$TORCH_CPU_INDEX does not answer: installing $torch from the default index"
         fi
     fi
-    say "installing ifo and what it needs"
+    say "installing ifo and its dependencies"
     pip_install -e '.[dev]' -c constraints.txt
 }
 
-# Prints why nothing can be rendered, on one line, and fails; succeeds if a picture was rendered just now.
+# Succeeds if an image can be rendered; otherwise prints the reason in one line, and fails.
 gl_problem() {
     $VENV/bin/python -c '
 from artifacts.errors import IfoError
 from stages.simulation.gl import choose_backend, forget_backend
-forget_backend()  # The remembered answer may be older than the libraries.
+forget_backend()  # The cached answer may be older than the libraries.
 try:
     choose_backend()
 except IfoError as error:

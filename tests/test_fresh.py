@@ -89,7 +89,7 @@ def test_a_failed_run_says_why_and_leaves_nothing(fresh, tmp_path):
     process = fresh("fail")
     _, err = process.communicate(timeout=60)
     assert process.returncode == 4
-    assert err.splitlines()[-3:-1] == ["W: of debootstrap", "fresh: debootstrap fails (its messages are above)"]
+    assert err.splitlines()[-3:-1] == ["W: of debootstrap", "fresh: debootstrap failed (see its messages above)"]
     assert_nothing_is_left(tmp_path)
 
 
@@ -99,7 +99,7 @@ def test_it_says_that_it_needs_root(fresh, tmp_path):
     process = fresh("fail")
     _, err = process.communicate(timeout=60)
     assert process.returncode == 4
-    assert err == "fresh: this needs root, to make a Debian in a folder: sudo make fresh\n"
+    assert err == "fresh: this needs root, to install Debian in a folder: sudo make fresh\n"
 
 
 def test_pip_settings_are_handed_on_with_the_paths_they_name(tmp_path):

@@ -92,7 +92,7 @@ def test_setup_succeeds_where_rendering_works(set_up, tmp_path):
     assert done.returncode == 0, done.stderr
     assert (tmp_path / ".venv/.stamp").exists()
     assert log(tmp_path, "apt") == []
-    assert done.stderr == "setup: installing ifo and what it needs\n"  # Neither pip's nor apt's own messages.
+    assert done.stderr == "setup: installing ifo and its dependencies\n"  # Neither pip's nor apt's own messages.
 
 
 def test_setup_installs_the_packages_that_rendering_needs(set_up, tmp_path):
@@ -164,7 +164,7 @@ def test_setup_fails_where_pip_fails(set_up, tmp_path):
     assert not (tmp_path / ".venv/.stamp").exists()
     assert done.stderr.splitlines()[-2:] == [
         "WARNING: of pip",
-        "setup: pip cannot install the packages (its messages are above)",
+        "setup: pip cannot install the packages (see its messages above)",
     ]
 
 
