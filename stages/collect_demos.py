@@ -68,9 +68,9 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
     output = Output.of(
         out, "demos", "collect-demos", config, run, [known] if known else [], {"task": task.name, **code_digest(task)}
     )
+    if output.found and not run.overwrite and config.videos and not Path(config.videos).is_dir():
+        raise UsageError(f"{out} exists, but its footage {config.videos} does not: use --overwrite to redo both")
     if kept := output.kept():
-        if config.videos and not Path(config.videos).is_dir():
-            raise UsageError(f"{out} exists, but its footage {config.videos} does not: use --overwrite to redo both")
         return kept
     _check_footage(config, out)
     demonstrator = _demonstrator(task, expert, run, out.parent)

@@ -100,11 +100,13 @@ def test_equal_content_made_anew_invalidates_nothing(toy, ifo):
     assert "kept" in ifo(toy.folder, *command(toy, "train-translator")).stderr
 
 
-def test_footage_that_is_gone_is_told(toy, ifo):
-    words = ["collect-demos", "reach", "--preset", "toy", "-n", "4", "--videos", "footage", "--out", "runs/f.demos.h5"]
-    assert ifo(toy.folder, *words).returncode == 0
-    assert "kept" in ifo(toy.folder, *words).stderr
-    shutil.rmtree(toy.folder / "footage")
-    done = ifo(toy.folder, *words)
+def test_footage_that_is_gone_is_told(toy, ifo, tmp_path):
+    expert, footage = toy.artifact("expert"), tmp_path / "footage"
+    words = ["collect-demos", "reach", "--preset", "toy", "-n", "4", "--expert", expert, "--videos", footage]
+    words += ["--out", tmp_path / "f.demos.h5"]
+    assert ifo(tmp_path, *words).returncode == 0
+    assert "kept" in ifo(tmp_path, *words).stderr
+    shutil.rmtree(footage)
+    done = ifo(tmp_path, *words)
     assert done.returncode == 2
-    assert "footage is not" in done.stderr
+    assert f"{footage} does not" in done.stderr and "kept" not in done.stderr

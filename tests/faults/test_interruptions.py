@@ -154,7 +154,7 @@ def test_resume_refuses_an_input_that_changed(inputs, tmp_path):
     train = ("train-translator", demos, "--seed", 0, "--steps", 60, "--checkpoint-every", 20)
     assert finish(inputs, (*collect, "--seed", 0))[0] == 0
     interrupt(inputs, train, checkpoint, signal.SIGKILL)
-    assert finish(inputs, (*collect, "--seed", 1))[0] == 0
+    assert finish(inputs, (*collect, "--seed", 1, "--overwrite"))[0] == 0
     code, stdout, stderr = finish(inputs, (*train, "--resume"))
     assert code == 2
     assert stdout == ""

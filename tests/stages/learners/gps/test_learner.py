@@ -231,7 +231,7 @@ def test_costs_that_are_no_numbers_are_told():
     reward = Place()
     model = make(reward=reward)
     model._cost = dataclasses.replace(model._cost, constant=np.full(STEPS + 1, np.inf))
-    with pytest.raises(FloatingPointError, match="no finite number"):
+    with pytest.raises(FloatingPointError, match="is not finite"):
         model.learn(0)
 
 
@@ -279,10 +279,10 @@ def test_refusals_name_the_task_and_what_to_do():
             pass
 
     cases = [
-        (lambda: make(reward=Untracked()), "expected --reward .*, which track a target"),
-        (lambda: make(dataclasses.replace(CONFIG, kl=0.0)), "--kl 0 lets --learner gps change nothing"),
+        (lambda: make(reward=Untracked()), "expected --reward translation, .*rewards with a target"),
+        (lambda: make(dataclasses.replace(CONFIG, kl=0.0)), "--kl 0 does not let --learner gps change the policy"),
         (lambda: make(task=Long()), "expected at most 200 .*mass has 201; use --learner trpo"),
-        (lambda: make(task=Timeless()), "observation of mass does not end with; use --learner trpo"),
+        (lambda: make(task=Timeless()), "observation of mass does not end with a clock; use --learner trpo"),
     ]
     for build, message in cases:
         with pytest.raises(UsageError, match=message) as caught:
