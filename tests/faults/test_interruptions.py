@@ -151,7 +151,7 @@ def test_resume_refuses_an_input_that_changed(inputs, tmp_path):
     demos, out = tmp_path / "x.demos.h5", tmp_path / "x.translator.h5"
     checkpoint = tmp_path / "x.translator.checkpoint.h5"
     collect = ("collect-demos", "reach", "--preset", "toy", "--expert", "runs/reach-toy.expert.h5", "--out", demos)
-    train = ("train-translator", demos, "--seed", 0, "--steps", 60, "--checkpoint-every", 20)
+    train = ("train-translator", demos, "--seed", 0, "--steps", 60, "--checkpoint-every", 20, "--out", out)
     assert finish(inputs, (*collect, "--seed", 0))[0] == 0
     interrupt(inputs, train, checkpoint, signal.SIGKILL)
     assert finish(inputs, (*collect, "--seed", 1, "--overwrite"))[0] == 0
