@@ -3,7 +3,7 @@
 import numpy as np
 
 from artifacts import caption
-from stages.footage.crops import Crop
+from stages.config.demonstrations import Crop
 from stages.footage.preview import preview_cell, preview_sheet
 
 RED, WHITE, GREY = (220, 0, 0), (255, 255, 255), (128, 128, 128)
