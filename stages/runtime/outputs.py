@@ -35,6 +35,7 @@ class Output:
         recipe: Requested stage, configuration, seed and inputs (`artifacts.recipe_of`), stored in the artifact.
         run: Options of the run.
         found: Identity of the file at `path` before the work began; None: there was none.
+        unset: Default of each field of the configuration, JSON values.
     """
 
     path: Path
@@ -42,6 +43,7 @@ class Output:
     recipe: dict[str, Any]
     run: RunOptions
     found: tuple[int, int] | None
+    unset: dict[str, Any]
 
     @classmethod
     def of(
@@ -69,7 +71,8 @@ class Output:
             ArtifactError: A parent cannot be read.
         """
         recipe = recipe_of(stage, full_config(stage, config, run, **(extra or {})), run.seed, parents)
-        return cls(path, kind, recipe, run, _identity(path))
+        unset = {item.name: item.default for item in dataclasses.fields(config)}
+        return cls(path, kind, recipe, run, _identity(path), recipe_of(stage, unset, run.seed)["config"])
 
     def kept(self) -> StageResult | None:
         """Return the finished artifact if it is exactly what the stage would make; None if there is no file yet.
@@ -88,12 +91,19 @@ class Output:
             raise UsageError(f"{self.path} exists and is not a readable artifact ({error}): {way_out}") from error
         if artifact.kind != self.kind:
             raise UsageError(f"{self.path} exists and holds a {artifact.kind}, not a {self.kind}: {way_out}")
-        other = recipe_difference(artifact, self.recipe)
+        other = [name for name in recipe_difference(artifact, self.recipe) if not self._is_new_option(artifact, name)]
         if other:
             named = ", ".join(other[:MOST_NAMED]) + (", ..." if len(other) > MOST_NAMED else "")
             raise UsageError(f"{self.path} exists and differs from what this command makes ({named}): {way_out}")
         self.run.progress.say(f"kept {self.path}: it is what this command makes (--overwrite makes it again)")
         return StageResult(self.path, dict(artifact.manifest.summary))
+
+    def _is_new_option(self, artifact: Artifact, name: str) -> bool:
+        """Whether an option did not exist yet when the artifact was made, and now has its default value."""
+        asked = self.recipe["config"]
+        return name in self.unset.keys() - artifact.manifest.recipe.get("config", {}).keys() and (
+            asked[name] == self.unset[name]
+        )
 
     def made_from(self, parents: Sequence[Path | Artifact]) -> Output:
         """Return the same output with other parents in its recipe."""

@@ -62,6 +62,21 @@ def test_what_differs_is_refused_and_named(tmp_path, changes, named):
     assert path.read_bytes() == before
 
 
+@dataclasses.dataclass(frozen=True)
+class Upgraded(EvaluateConfig):
+    """The configuration of a later version of ifo, with one more option."""
+
+    smoothing: float = 0.0
+
+
+def test_an_option_that_came_later_differs_only_if_it_is_set(tmp_path):
+    path = tmp_path / "a.policy.h5"
+    write(path)
+    assert output(path, config=Upgraded(episodes=8)).kept() is not None
+    with pytest.raises(UsageError, match="smoothing"):
+        output(path, config=Upgraded(episodes=8, smoothing=0.5)).kept()
+
+
 def test_another_input_is_refused_and_an_equal_one_kept(tmp_path):
     def parent(values):
         path = tmp_path / "p.translation.h5"
