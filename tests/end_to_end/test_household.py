@@ -55,7 +55,7 @@ def test_footage_replaces_nothing_and_lies_apart(ifo, tmp_path):
     for words, complaint in (
         (("--videos", "footage"), "--videos footage: already exists"),
         (("--videos", "runs"), "would be written into it"),
-        (("--crf", 10), "--crf 10 has no effect without --videos: give --videos, too"),
+        (("--crf", 10), "--crf 10 has no effect without --videos: give --videos as well"),
     ):
         code, out, said = ifo("collect-demos", "push-real", "-n", 4, *words, *TOY)
         assert (code, out) == (2, "") and said.count("\n") == 1 and complaint in said

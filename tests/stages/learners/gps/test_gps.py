@@ -375,7 +375,7 @@ def test_refusals_are_one_line():
             {"fine_blur": 3.0, "learner": "trpo"},
             "--fine-blur 3 has no effect with --learner trpo: expected --learner",
         ),
-        ({"fine_blur": 3.0, "patience": 5}, "--patience would take"),
+        ({"fine_blur": 3.0, "patience": 5}, "--patience would stop"),
         ({"layer": "block2"}, "--layer block2 has no effect with --reward translation: expected --reward pretrained"),
         (
             {"weights": "none.pth", "reward": "oracle"},
@@ -383,7 +383,7 @@ def test_refusals_are_one_line():
         ),
         ({"starts": 2, "learner": "trpo"}, "--starts 2 has no effect with --learner trpo: expected --learner gps"),
         ({"starts": 2, "iterations": 3}, "--starts 2 --iterations 3: expected at least 4 iterations"),
-        ({"starts": 2, "patience": 5}, "--patience would take"),
+        ({"starts": 2, "patience": 5}, "--patience would stop"),
     ],
 )
 def test_rewards_that_do_not_fit_are_refused_before_anything_is_read(tmp_path, options, message):
