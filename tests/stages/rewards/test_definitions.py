@@ -74,6 +74,7 @@ def state(qpos, **values):
 def test_a_state_rewards_return_is_the_mean_over_episodes_and_simulations():
     class Counting(StateReward):
         def reward(self, step, state, action, contexts):
+            assert (action, contexts) == ("pushed", "here")
             return step * state.qpos[:, 0]
 
     task = SimpleNamespace(control_steps=3)
@@ -81,11 +82,13 @@ def test_a_state_rewards_return_is_the_mean_over_episodes_and_simulations():
     assert reward.terms() == {"return": 0.0} and reward.frame_period is None
     for _ in range(2):
         for step in (1, 2, 3):
-            np.testing.assert_array_equal(reward(step, state(np.array([[1.0], [3.0]])), None, {}), [step, 3 * step])
+            np.testing.assert_array_equal(
+                reward(step, state(np.array([[1.0], [3.0]])), "pushed", "here"), [step, 3 * step]
+            )
     assert reward.terms() == {"return": pytest.approx(12.0)}
     assert reward.terms() == {"return": 0.0}
     assert reward.state() == {} and reward.iterate() is None and reward.restore({}) is None and reward.close() is None
-    reward(1, state(np.array([[1.0], [3.0]])), None, {})
+    reward(1, state(np.array([[1.0], [3.0]])), "pushed", "here")
     assert reward.terms() == {"return": 2.0}, "of an episode that has begun"
 
 

@@ -246,6 +246,8 @@ def test_third_person_imitation_also_sees_random_actions_in_the_demonstrations_c
     assert len(np.unique(videos.reshape(5, -1), axis=0)) > 1, "they move differently, where the camera sees the arm"
     for name, values in repeat(learner_context(task, 0, distribution("paper")), 5).items():
         np.testing.assert_array_equal(asked[0][name], values)
+    again = made(lineage(context_seed=0), reward="tpil")
+    np.testing.assert_array_equal(again._unskilled, videos, "the actions follow from the seed")
 
 
 def test_imported_videos_show_no_simulated_contexts(lineage, made, context):

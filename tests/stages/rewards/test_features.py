@@ -232,6 +232,7 @@ def test_negatives_are_to_be_as_much_farther_in_features_as_in_pixels(blur, monk
     expected = torch.stack(farther).mean() + torch.stack(moved).mean() * 3 / 50
     torch.testing.assert_close(tuning._loss(np.random.default_rng(1)), expected, rtol=1e-4, atol=1e-5)
     gap = tuning._gap(times, good, bad)
+    assert not len(tuning._gap(times, good, good)), "as near as the demonstrations is no negative"
     assert len(gap) == len(ranked) and float((gap > 0).float().mean()) == pytest.approx(np.mean(ranked))
 
 

@@ -16,10 +16,12 @@ from gymnasium.utils.env_checker import check_env
 
 import stages.simulation.gym_registration  # noqa: F401 - registers ifo/Reach-v0
 from artifacts import ArtifactError, UsageError, read_artifact, write_artifact
+from stages.rewards.frames import time_weights
 from stages.rewards.gym_wrapper import TranslationReward
 from stages.rewards.tracking import TrackingTarget, motion
 from stages.rewards.translation import BatchTranslationReward
 from stages.simulation.contexts import DISTRIBUTIONS
+from stages.simulation.registry import make_task
 from stages.simulation.render import RenderPool
 from stages.simulation.tasks.reach import Reach
 from stages.translation.networks import load_translator, make_translator, to_images
@@ -144,6 +146,15 @@ def test_late_frames_weigh_more_under_a_quadratic_ramp(squares):
     )
     j = np.arange(1, 6)
     np.testing.assert_allclose(np.divide(ramped, plain), j**2 / np.mean(np.arange(6) ** 2), rtol=1e-5)
+
+
+def test_the_ramp_and_the_time_between_frames_are_the_tasks(tmp_path):
+    env = TranslationReward(Squares(), write(tmp_path, TARGET, task="strike"))
+    task = make_task("strike")
+    assert task.ramp == "quadratic" and task.frame_every == 2
+    np.testing.assert_array_equal(env._reward.weights, time_weights("quadratic", len(TARGET)))
+    rewarded = [k for k, step in enumerate(episode(env, 0.0, 12), 1) if step[1] < 0]
+    assert rewarded == [2, 4, 6, 8, 10]
 
 
 @pytest.mark.parametrize("pixels", [None, "camera"])
