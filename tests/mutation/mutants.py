@@ -104,7 +104,7 @@ GROUPS = (
         modules("stages/reporting", *STATISTICS),
         tests("stages", "evaluate") + tests("stages/reporting", "intervals"),
     ),
-    Group("reporting", ("stages/reporting/*.py",), also=tests("ifo_cli", "report"), but=STATISTICS),
+    Group("reporting", ("stages/reporting/*.py",), but=STATISTICS),
     Group(
         "seeding and checkpoints",
         modules("stages/runtime", *STATE),

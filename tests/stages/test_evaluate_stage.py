@@ -12,8 +12,10 @@ from stages.evaluate import evaluate
 from stages.learners.gps.controller import LinearGaussianController
 from stages.learners.policy import Policy, policy_video
 from stages.reporting.figures import figures
+from stages.reporting.intervals import bootstrap_mean
 from stages.runtime.progress import Progress
 from stages.runtime.run import RunOptions
+from stages.runtime.seeding import integer
 from stages.simulation.registry import distribution, learner_context, make_task
 from stages.simulation.render import RenderPool
 
@@ -100,6 +102,7 @@ def test_an_evaluation_records_distances_curves_and_facts_of_every_run(policy, t
     }  # fmt: skip
     assert first["policy"] == "a.policy.h5" and first["last_batch_distance"] == pytest.approx(0.6)
     assert (second["policy"], second["samples"], second["context_seed"]) == ("b.policy.h5", 300, 7)
+    assert second["last_batch_distance"] == pytest.approx(0.6) and second["learning_minutes"] == 2.25
     assert first["learner"] == "gps" and first["reward"] == "oracle"
     low, high = expected["success_paper_interval"]
     for part in (
@@ -111,6 +114,33 @@ def test_an_evaluation_records_distances_curves_and_facts_of_every_run(policy, t
         "a.policy.h5: recorded as",
     ):
         assert part in said, said
+
+
+def test_noise_follows_from_the_runs_seed_and_the_policys_number(task, context):
+    seeds = []
+
+    class Still:
+        def act(self, observations, noise=None):
+            seeds.append(None if noise is None else noise.initial_seed())
+            return np.zeros((len(observations), 3))
+
+    for seed, index in ((7, 0), (7, 1), (8, 0)):
+        module._episodes(task, Still(), context, 2, seed, index)
+    expected = [
+        each
+        for args in ((7, 0), (7, 1), (8, 0))
+        for each in [None] * 50 + [integer(args[0], "evaluate-noise", args[1])] * 50
+    ]
+    assert seeds == expected
+
+
+def test_of_two_runs_the_runs_are_resampled():
+    near, far = np.array([[0.1, 0.3], [0.6, 0.9]]), np.array([[0.2, 0.2], [0.7, 0.8]])
+    found = figures(near, far, 0.5)
+    assert found["resampled"] == "runs"
+    assert found["normalised_distance_interval"] == bootstrap_mean(np.array([0.2, 0.75]))
+    assert found["normalised_distance_stochastic_interval"] == bootstrap_mean(np.array([0.2, 0.75]))
+    assert found["success_deterministic_interval"] == bootstrap_mean(np.array([1.0, 0.0]))
 
 
 def test_the_video_shows_the_first_policies_side_by_side(policy, task, context, tmp_path, monkeypatch):
