@@ -51,6 +51,7 @@ clean_up() {
 
 inside() {
     local root=$1 tests=${TESTS:-$DEFAULT_TESTS}
+    unset TMPDIR  # It need not exist in the bare Debian.
     say "installing a minimal Debian ($SUITE) in $root"
     bootstrap "$root"
     hand_on_network "$root"

@@ -19,6 +19,7 @@ DEBOOTSTRAP = """#!/usr/bin/env bash
 root=${@: -1}; [[ "$root" == */root ]] || root=${@: -2:1}
 mkdir -p "$root/etc"
 echo "W: of debootstrap"
+if [ -n "${TMPDIR:-}" ]; then exit 1; fi  # The scripts of the packages would look for it in the bare Debian.
 if [ "$FRESH" = fail ]; then exit 1; fi
 mount -t tmpfs left-behind "$root/etc" && touch "$root/etc/mounted"
 echo $$ > "$STARTED"
