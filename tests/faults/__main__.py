@@ -1,0 +1,158 @@
+"""Fault injection: thousands of damaged files, kills, full disks and hostile inputs, drawn with a seed.
+
+    make faults N=1000 SEED=1        or        python -m tests.faults --n 1000 --seed 1 --only "flipped bits"
+
+Each injection is a case of its own: `--case 417` repeats one. The table goes to results/faults.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import sys
+import tempfile
+import time
+import traceback
+from collections import Counter
+from dataclasses import asdict
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+
+from tests.faults.case import KINDS, Case, Verdict
+from tests.faults.originals import STAGES, Originals
+from tests.faults.server import prepare
+
+ROOT = Path(__file__).resolve().parents[2]
+TABLE = ROOT / "results" / "faults.md"
+MODULES = ("damage", "forged", "odd_hdf5", "inputs", "kills", "streams", "surroundings")
+
+
+def schedule(kinds: list[str], count: int, seed: int) -> list[str]:
+    """Return the kind of each injection: each gets its share, in a random order."""
+    shares = np.array([KINDS[name][1] for name in kinds])
+    counts = np.maximum(1, np.floor(count * shares / shares.sum())).astype(int)
+    names = [name for name, n in zip(kinds, counts, strict=True) for _ in range(n)][:count]
+    names += [kinds[int(shares.argmax())]] * (count - len(names))
+    return [names[i] for i in np.random.default_rng(seed).permutation(count)]
+
+
+def inject(number: int, name: str, seed: int, originals: Originals, work: Path) -> Verdict:
+    """Make one injection in a folder of its own, and remove the folder."""
+    folder = work / f"case-{number}"
+    folder.mkdir()
+    case = Case(originals, folder, np.random.default_rng(np.random.SeedSequence([seed, number])))
+    try:
+        return KINDS[name][0](case)
+    except Exception:  # A fault of the injection itself must not end the run, and must not pass for a success.
+        return Verdict("harness", name, "the injection itself failed: " + traceback.format_exc())
+    finally:
+        for path in (folder, work / f"case-{number}.output"):
+            shutil.rmtree(path, ignore_errors=True)
+
+
+def work_through(part: int, jobs: int, kinds: list[str], options: argparse.Namespace, work: Path, log: Path) -> None:
+    """Make every `jobs`-th injection, and write one JSON line for each."""
+    originals = Originals.found(work / "originals")
+    started = time.monotonic()
+    with log.open("a") as file:
+        for number, name in enumerate(kinds):
+            if number % jobs != part or (options.case is not None and number != options.case):
+                continue
+            if options.minutes and time.monotonic() - started > 60 * options.minutes:
+                break
+            begun = time.monotonic()
+            verdict = inject(number, name, options.seed, originals, work)
+            line = {"case": number, "kind": name, **asdict(verdict), "seconds": round(time.monotonic() - begun, 2)}
+            print(json.dumps(line), file=file, flush=True)
+            if verdict.problem or options.case is not None:
+                problem = verdict.problem or "handled"
+                print(f"case {number}, {name}, {verdict.stage}: {verdict.what}: {problem}", file=sys.stderr, flush=True)
+
+
+def page(lines: list[dict[str, object]], seed: int, seconds: float) -> str:
+    """results/faults.md."""
+    failed = [line for line in lines if line["problem"]]
+    stages = Counter(str(line["stage"]) for line in lines)
+    text = [
+        "# Fault injection",
+        "",
+        f"{len(lines)} injections, {len(failed)} failed.",
+        "",
+        f"Made by `make faults N={len(lines)} SEED={seed}` in {seconds / 60:.0f} minutes. A damaged file is refused in",
+        "one line, or read as it was written. A command that is killed, or whose disk, permissions, inputs or streams",
+        "fail, leaves the old output, the whole new one, or none; started again, it ends as if undisturbed.",
+        "",
+        "| Kind | Injections | Commands | Failed |",
+        "|---|---:|---:|---:|",
+    ]
+    for name in KINDS:
+        mine = [line for line in lines if line["kind"] == name]
+        if mine:
+            bad = sum(bool(line["problem"]) for line in mine)
+            text.append(f"| {name} | {len(mine)} | {len({line['stage'] for line in mine})} | {bad} |")
+    text += ["", "| Command | Injections | Failed |", "|---|---:|---:|"]
+    for stage, count in sorted(stages.items()):
+        bad = sum(bool(line["problem"]) for line in lines if line["stage"] == stage)
+        text.append(f"| {stage} | {count} | {bad} |")
+    if failed:
+        text += ["", "## Failed", ""]
+        text += [f"- case {line['case']}, {line['kind']}, {line['stage']}: {line['problem']}" for line in failed]
+    return "\n".join(text) + "\n"
+
+
+def main() -> int:
+    for module in MODULES:
+        if (Path(__file__).parent / "injections" / f"{module}.py").exists():
+            import_module(f"tests.faults.injections.{module}")
+    parser = argparse.ArgumentParser(prog="python -m tests.faults", description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--n", type=int, default=1000, help="number of injections")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the injections")
+    parser.add_argument("--only", action="append", choices=list(KINDS), help="only this kind")
+    parser.add_argument("--stages", help="commands to prepare, separated by commas (default: all)")
+    parser.add_argument("--case", type=int, help="make only this injection")
+    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="injections at a time")
+    parser.add_argument("--minutes", type=float, default=0, help="stop after this time (0: no limit)")
+    parser.add_argument("--keep", type=Path, help="keep the undamaged files in this folder, and use them again")
+    parser.add_argument("--out", type=Path, help="where the table goes (default: standard output)")
+    options = parser.parse_args()
+    kinds = schedule(options.only or list(KINDS), options.n, options.seed)
+    started = time.monotonic()
+    prepare()
+    with tempfile.TemporaryDirectory(prefix="faults-") as temporary:
+        work = Path(temporary)
+        os.chmod(work, 0o755)  # Some children run as another user.
+        chosen = tuple(options.stages.split(",")) if options.stages else tuple(STAGES)
+        Originals.made(work / "originals", chosen, options.keep)
+        logs = []
+        children = []
+        for part in range(options.jobs):
+            logs.append(work / f"log-{part}")
+            logs[-1].touch()
+            pid = os.fork()
+            if not pid:
+                code = 1
+                try:
+                    work_through(part, options.jobs, kinds, options, work, logs[-1])
+                    code = 0
+                except BaseException:
+                    traceback.print_exc()
+                finally:
+                    os._exit(code)
+            children.append(pid)
+        codes = [os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) for pid in children]
+        lines = [json.loads(line) for log in logs for line in log.read_text().splitlines()]
+    lines.sort(key=lambda line: line["case"])
+    text = page(lines, options.seed, time.monotonic() - started)
+    if options.out:
+        options.out.write_text(text)
+    else:
+        print(text)
+    return 1 if any(codes) or any(line["problem"] for line in lines) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,211 @@
+"""The undamaged files that injections start from, and how long each command takes undisturbed."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tests.faults.server import Outcome, command, start
+
+TINY = ("--workers", 1, "--quiet")
+NOTES = "undisturbed.json"
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A command that is run undisturbed once, and then with faults.
+
+    Attributes:
+        words: The command line without --out.
+        out: File or folder that it writes.
+        inputs: Files that it reads, the one named in the command first.
+        checkpoints: Whether it writes a checkpoint next to `out` and accepts --resume.
+        cheap: Whether it takes less than about a second.
+    """
+
+    words: tuple[object, ...]
+    out: str
+    inputs: tuple[str, ...] = ()
+    checkpoints: bool = False
+    cheap: bool = False
+
+    @property
+    def command(self) -> str:
+        return str(self.words[0])
+
+    @property
+    def checkpoint(self) -> str:
+        return self.out.removesuffix(".h5") + ".checkpoint.h5"
+
+
+def learning(name: str, iterations: int, *words: object) -> Stage:
+    """Return learn-policy with a method, with a checkpoint after each iteration."""
+    episodes = () if "gps" in words else ("--episodes", 4)
+    made = ("learn-policy", "x.translation.h5", "--iterations", iterations, "--checkpoint-every", 1, *episodes)
+    parents = ("x.translation.h5", "x.translator.h5", "x.demos.h5")
+    return Stage((*made, *TINY, *words), f"{name}.policy.h5", parents, checkpoints=True)
+
+
+STAGES = {
+    "train-expert": Stage(
+        ("train-expert", "reach", "--preset", "toy", "--iterations", 4, "--checkpoint-every", 1, *TINY),
+        "x.expert.h5",
+        checkpoints=True,
+    ),
+    "collect-demos": Stage(
+        ("collect-demos", "reach", "--preset", "toy", "--n", 8, "--expert", "x.expert.h5", *TINY),
+        "x.demos.h5",
+        ("x.expert.h5",),
+    ),
+    "train-translator": Stage(
+        ("train-translator", "x.demos.h5", "--steps", 6, "--checkpoint-every", 2, *TINY),
+        "x.translator.h5",
+        ("x.demos.h5",),
+        checkpoints=True,
+    ),
+    "translate": Stage(("translate", "x.translator.h5", *TINY), "x.translation.h5", ("x.translator.h5", "x.demos.h5")),
+    "learn-policy trpo": learning("x", 4),
+    "learn-policy ppo": learning("ppo", 3, "--learner", "ppo"),
+    "learn-policy sac": learning("sac", 3, "--learner", "sac"),
+    "learn-policy gps": learning("gps", 3, "--learner", "gps"),
+    "learn-policy gail": learning("gail", 3, "--reward", "gail"),
+    "learn-policy tpil": learning("tpil", 3, "--reward", "tpil"),
+    "evaluate": Stage(("evaluate", "x.policy.h5", "--episodes", 2, *TINY), "x.evaluation.h5", ("x.policy.h5",)),
+    "import-demos": Stage(
+        ("import-demos", "videos", "--frames", 5, "--size", "32x24", "--quiet"), "i.demos.h5", ("videos",), cheap=True
+    ),
+    "export-demos lerobot": Stage(
+        ("export-demos", "x.demos.h5", "--format", "lerobot", "--quiet"), "lerobot", ("x.demos.h5",), cheap=True
+    ),
+    "export-demos robomimic": Stage(
+        ("export-demos", "x.demos.h5", "--format", "robomimic", "--quiet"), "r.hdf5", ("x.demos.h5",), cheap=True
+    ),
+    "report": Stage(("report", "."), "report.html", ("x.evaluation.h5",)),
+}  # fmt: skip
+
+# The command that reads a file of each kind.
+CONSUMERS = {
+    "x.expert.h5": "collect-demos",
+    "x.demos.h5": "train-translator",
+    "x.translator.h5": "translate",
+    "x.translation.h5": "learn-policy trpo",
+    "x.policy.h5": "evaluate",
+    "x.evaluation.h5": "report",
+}
+
+
+class Originals:
+    """Undamaged files in `folder`, and what making them took.
+
+    Attributes:
+        folder: Holds one file of every kind, checkpoints, videos and data sets.
+        files: Names of the artifacts and checkpoints.
+        outcomes: How each stage ended undisturbed.
+        content: Content digest of each stage's artifact.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.outcomes: dict[str, Outcome] = {}
+        self.content: dict[str, str] = {}
+        self.took: dict[str, float] = {}
+        self.files: list[str] = []
+
+    @classmethod
+    def made(cls, folder: Path, stages: Sequence[str] = tuple(STAGES), keep: Path | None = None) -> Originals:
+        """Make the files, or copy those that an earlier run left in `keep`.
+
+        Raises:
+            SystemExit: A stage fails without any fault.
+        """
+        if keep and (keep / NOTES).exists():
+            shutil.copytree(keep, folder)
+            return cls.found(folder)
+        originals = cls(folder)
+        folder.mkdir(parents=True)
+        make_videos(folder / "videos")
+        for name in stages:
+            originals._make(name)
+        notes = {
+            name: {"outcome": asdict(outcome), "content": originals.content[name], "took": originals.took[name]}
+            for name, outcome in originals.outcomes.items()
+        }
+        (folder / NOTES).write_text(json.dumps(notes))
+        if keep:
+            shutil.copytree(folder, keep)
+        return cls.found(folder)
+
+    @classmethod
+    def found(cls, folder: Path) -> Originals:
+        """Return the files in a folder that `made` has filled."""
+        originals = cls(folder)
+        for name, note in json.loads((folder / NOTES).read_text()).items():
+            originals.outcomes[name] = Outcome(**note["outcome"])
+            originals.content[name], originals.took[name] = note["content"], note["took"]
+        originals.files = sorted(path.name for path in folder.glob("*.h5"))
+        return originals
+
+    def _make(self, name: str) -> None:
+        """Run a stage undisturbed, and keep a copy of one of its checkpoints."""
+        stage = STAGES[name]
+        started = time.monotonic()
+        child = start(self.folder, command(*stage.words, "--out", stage.out), cpu_seconds=300)
+        kept = self.folder / f"kept-{stage.checkpoint}"
+        while child.running():
+            if stage.checkpoints and not kept.exists() and (self.folder / stage.checkpoint).exists():
+                with suppress(FileNotFoundError):  # The stage has just ended.
+                    os.link(self.folder / stage.checkpoint, kept)
+            time.sleep(0.002)
+        self.took[name] = time.monotonic() - started
+        outcome = child.wait(600)
+        if outcome.code:
+            raise SystemExit(f"{name} fails undisturbed: {outcome.stderr}")
+        self.outcomes[name] = outcome
+        self.content[name] = content_of(self.folder / stage.out)
+
+    def copy(self, folder: Path, names: tuple[str, ...]) -> None:
+        """Copy files and folders to a new folder."""
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in names:
+            if (self.folder / name).is_dir():
+                shutil.copytree(self.folder / name, folder / name)
+            else:
+                shutil.copy(self.folder / name, folder / name)
+
+    def parents(self, name: str) -> tuple[str, ...]:
+        """Return the inputs of the stage that made a file."""
+        return next((stage.inputs for stage in STAGES.values() if stage.out == name), ())
+
+
+def content_of(path: Path) -> str:
+    """Return a digest of what a stage made: of an artifact its content, of other files their names."""
+    from artifacts import read_artifact
+
+    if path.suffix == ".h5":
+        return read_artifact(path).content
+    return "\n".join(sorted(str(file.relative_to(path)) for file in path.rglob("*"))) if path.is_dir() else path.name
+
+
+def make_videos(folder: Path, count: int = 4, frames: int = 12) -> None:
+    """Write small videos with moving content."""
+    import av
+
+    folder.mkdir()
+    texture = np.random.default_rng(0).integers(0, 255, (6, 20, 3)).repeat(8, 0).repeat(8, 1).astype(np.uint8)
+    for number in range(count):
+        with av.open(str(folder / f"{number}.mp4"), "w") as container:
+            stream = container.add_stream("libx264", rate=25, options={"g": "6", "threads": "1"})
+            stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+            for step in range(frames):
+                left = 2 * step + 8 * number
+                picture = np.ascontiguousarray(texture[:, left : left + 64])
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+            container.mux(stream.encode())
