@@ -14,6 +14,7 @@ import numpy as np
 from artifacts import hdf5
 from artifacts.content import content_digest
 from artifacts.errors import ArtifactError
+from artifacts.layout import checked_names
 from artifacts.migrations import ArrayView, Source, migrate
 from artifacts.paths import parent_path, sha256_of
 from artifacts.pipeline import COMMANDS
@@ -148,7 +149,7 @@ def read_artifact(path: str | Path, kind: Kinds = None) -> Artifact:
                 f"was written by a newer ifo (schema {version}, "
                 f"this one reads up to {KINDS[found].version}): upgrade ifo"
             )
-        stored = hdf5.dataset_names(file)
+        stored = checked_names(file)
         arrays = ArrayView(stored)
         migrate(fields, arrays)
         manifest = Manifest.from_fields(fields)
@@ -272,7 +273,7 @@ def _content_of_old(path: Path, identity: Identity | None) -> str:
             raise ArtifactError(REPLACED)
     with naming(path), undamaged("is truncated or damaged"), hdf5.open_file(path) as file:
         fields = _checked_fields(file)
-        datasets = {name: hdf5.dataset_digest(file[name]) for name in hdf5.dataset_names(file)}
+        datasets = {name: hdf5.dataset_digest(file[name]) for name in checked_names(file)}
         parents = [parent["sha256"] for parent in fields["parents"]]
         return content_digest(
             fields["kind"], fields["schema_version"], datasets, fields["config"], int(fields["seed"]), parents

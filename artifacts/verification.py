@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from artifacts import hdf5
-from artifacts.errors import ArtifactError
+from artifacts.layout import checked_names
 from artifacts.store import check_parent, open_unchanged, read_artifact
 from artifacts.wording import undamaged
 
@@ -33,13 +33,10 @@ def verify_artifact(path: str | Path) -> VerifyReport:
     artifact = read_artifact(path)
     digests = artifact.manifest.datasets
     with open_unchanged(artifact) as file:
-        names = hdf5.dataset_names(file)
+        names = checked_names(file)
         for name in names:
             with undamaged(f"dataset {name} is damaged"):
-                dataset = file[name]
-                if dataset.size and not dataset.fletcher32:
-                    raise ArtifactError(f"dataset {name} has no checksum: ifo did not write it like this")
-                if hdf5.dataset_digest(dataset) != digests.get(name) and digests:
+                if hdf5.dataset_digest(file[name]) != digests.get(name) and digests:
                     raise OSError(hdf5.WRONG_DIGEST)
     for parent in artifact.manifest.parents:
         check_parent(artifact.path, parent)
