@@ -16,7 +16,7 @@ from artifacts.content import content_digest
 from artifacts.errors import ArtifactError
 from artifacts.layout import checked_names
 from artifacts.migrations import ArrayView, Source, migrate
-from artifacts.paths import parent_path, sha256_of
+from artifacts.paths import check_regular, is_missing, parent_path, sha256_of
 from artifacts.pipeline import COMMANDS
 from artifacts.schema import (
     DIGEST,
@@ -210,11 +210,12 @@ def open_unchanged(artifact: Artifact) -> Iterator[Any]:
 
 
 def _check_is_file(path: Path, wanted: tuple[str, ...] | None) -> None:
-    if path.is_dir():
-        raise ArtifactError(f"{path}: is a folder: {how_to_make(wanted, 'pass')}")
     try:
+        check_regular(path)
         with open(path, "rb") as file:
             start = file.read(len(hdf5.SIGNATURE))
+    except IsADirectoryError as error:
+        raise ArtifactError(f"{path}: is a folder: {how_to_make(wanted, 'pass')}") from error
     except FileNotFoundError as error:
         raise ArtifactError(f"{path}: no such file: {how_to_make(wanted, 'make')}") from error
     except OSError as error:
@@ -249,7 +250,7 @@ def _check_names(stored: list[str], manifest: Manifest) -> None:
 def _existing_parent(child: Path, parent: Parent) -> Path:
     """Return the parent's path, or raise an ArtifactError that names both files."""
     path = parent_path(child, parent)
-    if not path.is_file():
+    if is_missing(path):
         raise ArtifactError(
             f"{child} was made from {path}, which is missing: put that file back, or make both again "
             f"(`{COMMANDS.get(parent.kind, 'ifo')}`)"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from artifacts import hdf5
 from artifacts.layout import checked_names
+from artifacts.paths import parent_path
 from artifacts.store import check_parent, open_unchanged, read_artifact
 from artifacts.wording import undamaged
 
@@ -38,7 +39,8 @@ def verify_artifact(path: str | Path) -> VerifyReport:
             with undamaged(f"dataset {name} is damaged"):
                 if hdf5.dataset_digest(file[name]) != digests.get(name) and digests:
                     raise OSError(hdf5.WRONG_DIGEST)
-    for parent in artifact.manifest.parents:
+    parents = artifact.manifest.parents
+    for parent in {(parent_path(artifact.path, parent), parent.digest): parent for parent in parents}.values():
         check_parent(artifact.path, parent)
     size = artifact.path.stat().st_size
-    return VerifyReport(artifact.path, artifact.kind, len(names), size, len(artifact.manifest.parents))
+    return VerifyReport(artifact.path, artifact.kind, len(names), size, len(parents))

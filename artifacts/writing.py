@@ -14,6 +14,7 @@ from artifacts import hdf5
 from artifacts.atomic import atomic_path
 from artifacts.content import content_digest
 from artifacts.errors import ArtifactError
+from artifacts.paths import real
 from artifacts.schema import KINDS, Manifest, Parent, json_values
 from artifacts.store import Artifact, read_artifact
 from artifacts.version import ifo_version
@@ -91,10 +92,10 @@ def write_artifact(
 def _recorded(parent: str | Path | Artifact, child: Path) -> Parent:
     """Return the record of a parent for its child's manifest."""
     artifact = parent if isinstance(parent, Artifact) else read_artifact(parent)
-    folder, target = child.parent.resolve(), artifact.path.resolve()
-    if target == child.resolve():
+    out, target = real(child), real(artifact.path)
+    if target == out:
         raise ArtifactError(f"{child}: would replace its own input: choose another --out")
-    relative = Path(os.path.relpath(target, folder)).as_posix()
+    relative = Path(os.path.relpath(target, out.parent)).as_posix()
     return Parent(kind=artifact.kind, path=relative, content=artifact.content)
 
 

@@ -188,7 +188,7 @@ def check_out(out: Path | None) -> Path | None:
         return None
     if out.suffix != ".h5" or out.name.endswith(".checkpoint.h5"):
         raise UsageError(f"--out {out}: expected a file name ending in .h5, by convention NAME.KIND.h5")
-    if out.is_dir():
+    if os.path.isdir(out):
         raise UsageError(f"--out {out} is a folder: expected a file name ending in .h5")
     return out
 
@@ -197,7 +197,7 @@ def make_folder(out: Path | None) -> list[Path]:
     """Create the folder of `out`, and return the folders that were created, innermost first."""
     if out is None:
         return []
-    missing = [folder for folder in out.parents if not folder.exists()]
+    missing = [folder for folder in out.parents if not os.path.lexists(folder)]
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -208,4 +208,4 @@ def make_folder(out: Path | None) -> list[Path]:
 
 
 def _same_file(path: Path, out: Path) -> bool:
-    return path.resolve() == out.resolve()
+    return os.path.realpath(path) == os.path.realpath(out)

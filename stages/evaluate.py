@@ -19,6 +19,7 @@ from artifacts import (
     write_mp4,
 )
 from artifacts.atomic import write_bytes
+from artifacts.paths import real
 from stages.config.stages import EvaluateConfig
 from stages.reporting.figures import figures
 from stages.reporting.methods import describe_method
@@ -48,7 +49,7 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
 
     check("evaluate", config, run)
     choose_backend()
-    places = [path.resolve() for path in policies]
+    places = [real(path) for path in policies]
     twice = [path for path, place in zip(policies, places, strict=True) if places.count(place) > 1]
     if twice:
         raise UsageError(f"{twice[0]}: given twice: pass each policy once; duplicates narrow the intervals")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -53,7 +54,7 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     usual = defaults(run.preset, "learn-policy", task.name, own=task.defaults)
     tags = name_tags(config, usual, run, source.manifest.seed, source.config.get("preset", run.preset))
     out = run.out or default_path(source.path.parent, stem_of(source.path) + tags, "policy")
-    weights = {"weights_sha256": sha256_of(config.weights)} if Path(config.weights).is_file() else {}
+    weights = {"weights_sha256": sha256_of(config.weights)} if os.path.isfile(config.weights) else {}
     output = Output.of(out, "policy", "learn-policy", config, run, [source], code_digest(task) | weights)
     if kept := output.kept():
         return kept

@@ -17,6 +17,7 @@ from artifacts import (
     remove_checkpoint,
     write_checkpoint,
 )
+from artifacts.paths import is_missing
 from stages.runtime.run import RunOptions
 
 
@@ -40,7 +41,7 @@ class Checkpoints:
         """
         if not self._run.resume:
             return None
-        if not self._path.exists():
+        if is_missing(self._path):
             self._run.progress.say(f"no checkpoint next to {self._out}: starting from the beginning")
             return None
         manifest, state = read_checkpoint(self._path, stage=self._stage)
@@ -87,6 +88,6 @@ def _identity(path: Path) -> tuple[int, int] | None:
     """Return what distinguishes a file from one that replaces it; None: there is no file."""
     try:
         found = path.stat()
-    except FileNotFoundError:
+    except OSError:
         return None
     return found.st_ino, found.st_mtime_ns

@@ -13,7 +13,7 @@ from artifacts import hdf5
 from artifacts.schema import attributes_digest
 
 
-def forge(source, target, edit=None, arrays=None, attributes=None, config=None):
+def forge(source, target, edit=None, arrays=None, attributes=None, config=None, parents=None):
     """Copy `source` to `target`, change it, and bring its digests in line.
 
     Args:
@@ -22,6 +22,7 @@ def forge(source, target, edit=None, arrays=None, attributes=None, config=None):
         edit: Function of the open file, which changes anything in it.
         arrays: Datasets to replace, by name; their digests are right.
         attributes: Root attributes to replace.
+        parents: The parents to record.
         config: Values of the configuration to replace; None: to remove.
     """
     shutil.copy(source, target)
@@ -39,6 +40,8 @@ def forge(source, target, edit=None, arrays=None, attributes=None, config=None):
         if config:
             values = json.loads(found["config"]) | config
             found["config"] = json.dumps({key: value for key, value in values.items() if value is not None})
+        if parents is not None:
+            found["parents"] = json.dumps(parents)
         found.update(attributes or {})
         del found["manifest_sha256"]
         found["manifest_sha256"] = attributes_digest(found)
