@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -84,11 +84,14 @@ def digest_of(array: np.ndarray) -> str:
     return digest.hexdigest()
 
 
-def dataset_digest(dataset: h5py.Dataset) -> str:
-    """Read a stored dataset piece by piece and return its digest."""
+def dataset_digest(dataset: h5py.Dataset, see: Callable[[np.ndarray], None] | None = None) -> str:
+    """Read a stored dataset piece by piece and return its digest; `see` is called with each piece."""
     digest = DatasetDigest(*describe(dataset))
     for selection in blocks(dataset.shape, dataset.dtype.itemsize, dataset.chunks):
-        digest.update(dataset[selection])
+        piece = dataset[selection]
+        digest.update(piece)
+        if see:
+            see(piece)
     return digest.hexdigest()
 
 

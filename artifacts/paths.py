@@ -9,7 +9,8 @@ import stat
 from pathlib import Path
 
 from artifacts.errors import ArtifactError
-from artifacts.schema import KINDS, Parent
+from artifacts.kinds import KINDS
+from artifacts.schema import Parent
 
 
 def sha256_of(path: str | Path) -> str:

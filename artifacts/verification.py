@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from artifacts import hdf5
+from artifacts.kinds import KINDS
 from artifacts.layout import checked_names
 from artifacts.paths import parent_path
-from artifacts.store import check_parent, open_unchanged, read_artifact
+from artifacts.store import check_finite, check_parent, open_unchanged, read_artifact
 from artifacts.wording import undamaged
 
 
@@ -37,7 +39,9 @@ def verify_artifact(path: str | Path) -> VerifyReport:
         names = checked_names(file)
         for name in names:
             with undamaged(f"dataset {name} is damaged"):
-                if hdf5.dataset_digest(file[name]) != digests.get(name) and digests:
+                must_be_finite = KINDS[artifact.kind].must_be_finite(name)
+                digest = hdf5.dataset_digest(file[name], partial(check_finite, name) if must_be_finite else None)
+                if digest != digests.get(name) and digests:
                     raise OSError(hdf5.WRONG_DIGEST)
     parents = artifact.manifest.parents
     for parent in {(parent_path(artifact.path, parent), parent.digest): parent for parent in parents}.values():

@@ -14,8 +14,9 @@ from artifacts import hdf5
 from artifacts.atomic import atomic_path
 from artifacts.content import content_digest
 from artifacts.errors import ArtifactError
+from artifacts.kinds import KINDS, is_finite
 from artifacts.paths import real
-from artifacts.schema import KINDS, Manifest, Parent, json_values
+from artifacts.schema import Manifest, Parent, json_values
 from artifacts.store import Artifact, read_artifact
 from artifacts.version import ifo_version
 from artifacts.wording import naming
@@ -62,6 +63,9 @@ def write_artifact(
         problem = KINDS[kind].problem({name: (array.shape, array.dtype) for name, array in arrays.items()})
         if problem:
             raise ArtifactError(problem)
+        for name, array in arrays.items():
+            if KINDS[kind].must_be_finite(name) and not is_finite(array):
+                raise ArtifactError(f"dataset {name} would hold values that are NaN or infinite: not written")
     version, values = KINDS[kind].version, json_values(config)
     recorded = [_recorded(parent, path) for parent in parents]
     digests = {name: hdf5.digest_of(array) for name, array in arrays.items()}

@@ -95,7 +95,7 @@ def test_an_old_child_notices_another_parent(old):
 def test_a_new_child_of_an_old_file(old, tmp_path, monkeypatch):
     digested = []
     digest = hdf5.dataset_digest
-    monkeypatch.setattr(hdf5, "dataset_digest", lambda dataset: digested.append(dataset.name) or digest(dataset))
+    monkeypatch.setattr(hdf5, "dataset_digest", lambda dataset, *see: digested.append(dataset.name) or digest(dataset))
     monkeypatch.setattr(store, "sha256_of", None)
     child = write_artifact(
         tmp_path / "new.translator.h5", "translator", {"weights/a": np.zeros(2)}, **PROVENANCE, parents=[old["demos"]]

@@ -28,7 +28,7 @@ from artifacts import (
     verify_artifact,
     write_artifact,
 )
-from artifacts.schema import SCHEMA
+from artifacts.kinds import SCHEMA
 from tests.artifacts.samples import PROVENANCE, demos_arrays
 
 storable = st.one_of(
