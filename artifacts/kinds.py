@@ -110,7 +110,7 @@ class KindSpec:
         return None
 
 
-_WEIGHTS = {"weights/*": DatasetSpec(finite=True)}
+_WEIGHTS = {"weights/*": DatasetSpec(None, ("f", "i", "u", "b"), finite=True)}
 # Metrics and learning curves may be undefined, and distances of a simulation that diverged infinite.
 _METRIC, _CURVE = DatasetSpec((), ("f",)), DatasetSpec(("I",), ("f",))
 _CONTEXT = DatasetSpec(finite=True)
@@ -164,5 +164,5 @@ KINDS: dict[str, KindSpec] = {
             **dict.fromkeys(("curve/samples", "curve/normalised_distance"), DatasetSpec(("R", "I"), ("f",))),
         },
     ),
-    "checkpoint": KindSpec(SCHEMA),
+    "checkpoint": KindSpec(SCHEMA, optional={"tree": DatasetSpec(("L",), ("uint8",))}),
 }

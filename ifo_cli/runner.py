@@ -10,12 +10,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from artifacts.errors import IfoError, PlatformError, UsageError
+from artifacts.errors import ArtifactError, IfoError, PlatformError, UsageError
 from artifacts.pipeline import STAGE_FILES
 from ifo_cli.options import Given
 from ifo_cli.settling import Settled, check_at_once, read_file, settle, show
 from ifo_cli.streams import emit, inputs_or_stdin, plain, stdout_to_stderr
-from stages.config.task_names import permission_needed
+from stages.config.task_names import check_task_name, permission_needed
 from stages.config.toml import Table
 
 if TYPE_CHECKING:
@@ -157,7 +157,16 @@ def _read(stage: str, paths: Sequence[Path]) -> list[Artifact]:
 
 
 def _task_of(parents: Sequence[Artifact]) -> str:
-    return str(parents[0].config.get("task") or "") if parents else ""
+    """Return the task that the first parent names.
+
+    Raises:
+        ArtifactError: There is no such task.
+    """
+    name = str(parents[0].config.get("task") or "") if parents else ""
+    try:
+        return check_task_name(name) if name else ""
+    except UsageError as error:
+        raise ArtifactError(f"{parents[0].path}: {error}") from error
 
 
 def command_line(given: Given, piped: Sequence[Path] = ()) -> str:

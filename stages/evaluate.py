@@ -40,10 +40,11 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     A run succeeds by the paper's criterion if the stochastic policy's normalized final distance, averaged over
     episodes, is below the task's threshold. The success rate of the deterministic policy's episodes is reported too.
     """
-    from stages.learners.policy import Policy, policy_video
+    from stages.learners.policy import Policy, check_fits, first_observation, policy_video
     from stages.reporting.plots import plot_learning_curves
     from stages.runtime.devices import use_threads
     from stages.simulation.gl import choose_backend
+    from stages.simulation.recorded import recorded_contexts
     from stages.simulation.registry import code_digest, make_task
     from stages.simulation.render import RenderPool
 
@@ -67,12 +68,14 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
         return kept
     results: dict[str, list[np.ndarray]] = {}
     videos: list[np.ndarray] = []
+    observation = first_observation(task)
     with (
         RenderPool.of(task, 1) as pool,
         run.progress.bar("evaluate", len(sources), "policies") as bar,
     ):
         for index, source in enumerate(sources):
-            policy, contexts = Policy.load(source), source.group("contexts")
+            check_fits(source, task, observation)
+            policy, contexts = Policy.load(source), recorded_contexts(source, task)
             for key, value in _episodes(task, policy, contexts, config.episodes, run.seed, index).items():
                 results.setdefault(key, []).append(value)
             if len(videos) < SHOWN:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from artifacts import (
     Artifact,
+    ArtifactError,
     Interrupted,
     UsageError,
     checkpoint_path,
@@ -59,6 +61,21 @@ class Checkpoints:
         self._run.progress.say(f"resuming {self._out.name} from {self._path.name}")
         return state
 
+    @contextmanager
+    def restoring(self) -> Iterator[None]:
+        """Report what fails in the block, which restores a state, as the fault of the checkpoint.
+
+        Raises:
+            ArtifactError: The state is not one that the stage wrote.
+        """
+        try:
+            yield
+        except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
+            reason = " ".join(str(error).split())[:200]
+            raise ArtifactError(
+                f"{self._path} does not hold a state of {self._stage} ({reason}): start again without --resume"
+            ) from error
+
     def save(self, state: Any) -> None:
         """Write the checkpoint atomically; `state` is a tree of arrays and plain values."""
         write_checkpoint(
@@ -82,6 +99,11 @@ class Checkpoints:
     def remove(self) -> None:
         """Remove the checkpoint, after the artifact is written."""
         remove_checkpoint(self._out)
+
+
+def curve_of(state: Any) -> dict[str, list[float]]:
+    """Return a learning curve that a checkpoint holds: name -> values. Call it within `Checkpoints.restoring`."""
+    return {str(name): [float(value) for value in values] for name, values in state.items()}
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
