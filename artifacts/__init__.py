@@ -12,11 +12,12 @@ if TYPE_CHECKING:
     from artifacts.atomic import atomic_folder, atomic_path
     from artifacts.checkpoint import checkpoint_path, read_checkpoint, remove_checkpoint, write_checkpoint
     from artifacts.errors import ArtifactError, IfoError, Interrupted, PlatformError, UsageError
+    from artifacts.kinds import KINDS, DatasetSpec, KindSpec
     from artifacts.lineage import Ancestor, ancestors
     from artifacts.paths import default_path, sha256_of, sibling, stem_of
     from artifacts.pipeline import COMMANDS, STAGE_FILES
     from artifacts.recipe import recipe_difference, recipe_of
-    from artifacts.schema import KINDS, DatasetSpec, KindSpec, Manifest, Parent
+    from artifacts.schema import Manifest, Parent
     from artifacts.store import Artifact, content_of, is_unchanged, read_artifact
     from artifacts.tree import pack, unpack
     from artifacts.verification import VerifyReport, verify_artifact
@@ -42,7 +43,8 @@ _MODULE_OF = {
         "lineage": ("Ancestor", "ancestors"),
         "pipeline": ("COMMANDS", "STAGE_FILES"),
         "recipe": ("recipe_difference", "recipe_of"),
-        "schema": ("KINDS", "DatasetSpec", "KindSpec", "Manifest", "Parent"),
+        "kinds": ("KINDS", "DatasetSpec", "KindSpec"),
+        "schema": ("Manifest", "Parent"),
         "paths": ("default_path", "sha256_of", "sibling", "stem_of"),
         "store": ("Artifact", "content_of", "is_unchanged", "read_artifact"),
         "tree": ("pack", "unpack"),

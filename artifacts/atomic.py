@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import glob
 import os
@@ -12,22 +13,29 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from artifacts.errors import PlatformError
+from artifacts.paths import real
+
+LONGEST_PREFIX = 200  # bytes of the name; file systems allow 255
 
 
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path that replaces `path` if the block succeeds.
 
-    The temporary path is in a temporary folder next to `path`. The file is fsynced and renamed, and then the folder of
-    `path` is fsynced; on any exception the file is removed. The folder of `path` is created if it is missing.
+    If `path` is a symbolic link, the file that it leads to is replaced, and the link is kept. The temporary path is in
+    a temporary folder next to that file. The file is fsynced and renamed, and then its folder is fsynced; on any
+    exception the file is removed. The folder is created if it is missing.
 
     Raises:
       PlatformError: The file cannot be written (no space, no permission, a folder of that name).
     """
     path = Path(path)
-    with _making(path) as temporary:
-        if path.is_dir():
-            raise IsADirectoryError(0, "a folder of that name exists")
+    with _making(path, real(path)) as temporary:
+        if real(path).is_symlink():
+            raise OSError(errno.ELOOP, "its symbolic links lead in a circle")
+        if os.path.exists(path) and not os.path.isfile(path):
+            what = "a folder" if os.path.isdir(path) else "a pipe, socket or device"
+            raise FileExistsError(0, f"{what} of that name exists")
         yield temporary
 
 
@@ -41,16 +49,20 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
       PlatformError: The folder cannot be written, or a file or folder of that name exists.
     """
     path = Path(path)
-    with _making(path) as temporary:
+    with _making(path, path) as temporary:
         temporary.mkdir()
         yield temporary
-        if path.exists():
+        if os.path.lexists(path):
             raise FileExistsError(0, "a file or folder of that name exists")
 
 
 @contextmanager
-def _making(path: Path) -> Iterator[Path]:
-    """Yield a path in a temporary folder used only by this writer, and rename the result to `path` at the end."""
+def _making(named: Path, path: Path) -> Iterator[Path]:
+    """Yield a path in a temporary folder used only by this writer, and rename the result to `path` at the end.
+
+    Raises:
+      PlatformError: `path`, which the user knows as `named`, cannot be written.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _remove_abandoned(path)
@@ -64,7 +76,7 @@ def _making(path: Path) -> Iterator[Path]:
     except OSError as error:
         reason = " ".join((error.strerror or str(error)).split())
         raise PlatformError(
-            f"{path}: cannot be written ({reason}): free some space or choose another location"
+            f"{named}: cannot be written ({reason}): free some space or choose another location"
         ) from error
 
 
@@ -96,7 +108,8 @@ def _new_locked_folder(path: Path) -> tuple[Path, int | None]:
 
 
 def _prefix(path: Path) -> str:
-    return f".{path.name}.tmp-"
+    # A file system that has room for the name must have room for this one as well.
+    return f".{os.fsdecode(os.fsencode(path.name)[:LONGEST_PREFIX])}.tmp-"
 
 
 def _lock(path: Path, wait: bool = True) -> int | None:

@@ -70,7 +70,9 @@ def read_checkpoint(path: str | Path, *, stage: str) -> tuple[Manifest, Any]:
             f"{path} is not a readable checkpoint ({error}): start the stage again without --resume"
         ) from error
     if found != stage:
-        raise ArtifactError(f"{path} is a checkpoint of {found}, expected one of {stage}: start again without --resume")
+        raise ArtifactError(
+            f"{path} is a checkpoint of {str(found)[:100]}, expected one of {stage}: start again without --resume"
+        )
     return artifact.manifest, tree
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,7 @@ import numpy as np
 
 from artifacts.digests import DatasetDigest, blocks
 from artifacts.errors import ArtifactError
+from artifacts.layout import MOST_MANIFEST_BYTES, MOST_NESTED, STORABLE, check_attributes
 
 if TYPE_CHECKING:
     import h5py
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 WRONG_DIGEST = "its digest is wrong"
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 END_OF_FILE_ADDRESS = 28  # offset of the length of the file in the superblock (version 3)
-STORABLE = "biufcSU"
+ROOM_FOR_NUMBERS = 1024  # bytes of the manifest
 CHUNK_BYTES = 256 * 1024  # about one demonstration of 48x48, which can then be read without its neighbors
 
 
@@ -48,6 +49,8 @@ def check_arrays(arrays: Mapping[str, np.ndarray]) -> None:
         parts = name.split("/")
         if any(part in ("", ".", "..") or "\0" in part for part in parts):
             raise ArtifactError(f"dataset name {name!r} is not usable: expected parts joined by single slashes")
+        if len(parts) > MOST_NESTED:
+            raise ArtifactError(f"dataset {name} is nested too deeply: expected at most {MOST_NESTED} parts")
         for i in range(1, len(parts)):
             if "/".join(parts[:i]) in arrays:
                 raise ArtifactError(f"dataset {'/'.join(parts[:i])} cannot also be the group of {name}")
@@ -81,11 +84,14 @@ def digest_of(array: np.ndarray) -> str:
     return digest.hexdigest()
 
 
-def dataset_digest(dataset: h5py.Dataset) -> str:
-    """Read a stored dataset piece by piece and return its digest."""
+def dataset_digest(dataset: h5py.Dataset, see: Callable[[np.ndarray], None] | None = None) -> str:
+    """Read a stored dataset piece by piece and return its digest; `see` is called with each piece."""
     digest = DatasetDigest(*describe(dataset))
     for selection in blocks(dataset.shape, dataset.dtype.itemsize, dataset.chunks):
-        digest.update(dataset[selection])
+        piece = dataset[selection]
+        digest.update(piece)
+        if see:
+            see(piece)
     return digest.hexdigest()
 
 
@@ -139,30 +145,16 @@ def _original(stored: h5py.Dataset | np.ndarray, attributes: Mapping[str, Any]) 
     return (() if "scalar" in attributes else stored.shape), dtype
 
 
-def dataset_names(file: h5py.File) -> list[str]:
-    """Return the names of all datasets, sorted; links to other files are not followed.
+def write_attributes(file: h5py.File, attributes: Mapping[str, int | str]) -> None:
+    """Store the root attributes.
 
     Raises:
-      ArtifactError: A dataset does not hold numbers, booleans or fixed-length strings, or is stored outside the file.
+      ArtifactError: They are larger than what is read again.
     """
     import h5py
 
-    names = []
-
-    def visit(name: str, item: Any) -> None:
-        if not isinstance(item, h5py.Dataset):
-            return
-        if item.dtype.kind not in STORABLE or item.external or item.is_virtual:
-            raise ArtifactError(f"dataset {name} is not stored the way ifo stores arrays: do not trust this file")
-        names.append(name)
-
-    file.visititems(visit)
-    return sorted(names)
-
-
-def write_attributes(file: h5py.File, attributes: Mapping[str, int | str]) -> None:
-    import h5py
-
+    if sum(len(str(value).encode()) for value in attributes.values()) > MOST_MANIFEST_BYTES - ROOM_FOR_NUMBERS:
+        raise ArtifactError(f"its manifest would need more than {MOST_MANIFEST_BYTES >> 20} MiB: record less in it")
     for name, value in attributes.items():
         if isinstance(value, int):
             file.attrs[name] = np.int64(value)
@@ -172,7 +164,12 @@ def write_attributes(file: h5py.File, attributes: Mapping[str, int | str]) -> No
 
 
 def read_attributes(file: h5py.File) -> dict[str, int | str]:
-    """Return the root attributes, each as int or str."""
+    """Return the root attributes, each as int or str.
+
+    Raises:
+      ArtifactError: An attribute is of another type, or too long.
+    """
+    check_attributes(file)
     attributes: dict[str, int | str] = {}
     for name, value in file.attrs.items():
         if isinstance(value, bytes):
@@ -224,8 +221,19 @@ def new_file(path: Path, room: int) -> Iterator[h5py.File]:
 
 @contextmanager
 def open_file(path: Path) -> Iterator[h5py.File]:
-    """Open a file for reading without a lock, because artifacts are never changed in place."""
+    """Open a file for reading without a lock, because artifacts are never changed in place.
+
+    Raises:
+      ArtifactError: HDF5_USE_FILE_LOCKING demands a lock, and another program has the file open for writing.
+    """
     import h5py
 
-    with h5py.File(path, "r", locking=False) as file:
+    try:
+        file = h5py.File(path, "r", locking=False)
+    except BlockingIOError as error:
+        raise ArtifactError(
+            "is locked by another program that has it open for writing: close that program, or unset "
+            "HDF5_USE_FILE_LOCKING"
+        ) from error
+    with file:
         yield file

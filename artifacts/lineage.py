@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from artifacts.errors import ArtifactError
-from artifacts.paths import parent_path
+from artifacts.paths import is_missing, parent_path
 from artifacts.schema import Parent
 from artifacts.store import Artifact, is_unchanged, read_artifact
 
@@ -36,29 +36,43 @@ class Ancestor:
 
 
 def ancestors(
-    artifact: Artifact, parents: Sequence[Parent] | None = None, *, check: bool = False, depth: int = 1
+    artifact: Artifact, parents: Sequence[Parent] | None = None, *, check: bool = False
 ) -> Iterator[Ancestor]:
     """Yield the files that an artifact was made from, depth first; a missing or unreadable file ends its branch.
+
+    A file that several files were made from is yielded for each of them, but what it was made from itself only once.
 
     Args:
       artifact: The child.
       parents: The parents to follow; None: all.
       check: Whether to compare each file's content with what the child recorded.
-      depth: Depth of the first generation.
     """
-    for parent in artifact.manifest.parents if parents is None else parents:
-        path = parent_path(artifact.path, parent)
-        try:
-            found = read_artifact(path)
-        except ArtifactError as error:
-            state = "unreadable" if path.exists() else "missing"
-            yield Ancestor(depth, parent, path, state, problem=str(error))
-            continue
-        if check and _changed(artifact, parent, found):
+    first = artifact.manifest.parents if parents is None else parents
+    waiting = [(1, artifact, parent) for parent in reversed(first)]
+    opened: dict[Path, Artifact | ArtifactError] = {}
+    followed: set[Path] = set()
+    while waiting:
+        depth, child, parent = waiting.pop()
+        path = parent_path(child.path, parent)
+        if path not in opened:
+            opened[path] = _opened(path)
+        found = opened[path]
+        if isinstance(found, ArtifactError):
+            yield Ancestor(depth, parent, path, "missing" if is_missing(path) else "unreadable", problem=str(found))
+        elif check and _changed(child, parent, found):
             yield Ancestor(depth, parent, path, "changed", problem=f"{path} has changed since")
-            continue
-        yield Ancestor(depth, parent, path, "present", found)
-        yield from ancestors(found, check=check, depth=depth + 1)
+        else:
+            yield Ancestor(depth, parent, path, "present", found)
+            if path not in followed:
+                followed.add(path)
+                waiting.extend((depth + 1, found, grandparent) for grandparent in reversed(found.manifest.parents))
+
+
+def _opened(path: Path) -> Artifact | ArtifactError:
+    try:
+        return read_artifact(path)
+    except ArtifactError as error:
+        return error
 
 
 def _changed(child: Artifact, parent: Parent, found: Artifact) -> bool:

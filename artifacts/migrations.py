@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 
 from artifacts.errors import ArtifactError
+from artifacts.kinds import KINDS
 from artifacts.pipeline import COMMANDS, STAGE_FILES
-from artifacts.schema import KINDS
 
 
 @dataclass(frozen=True)

@@ -2,17 +2,79 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
+import stat
 from pathlib import Path
 
-from artifacts.schema import KINDS, Parent
+from artifacts.errors import ArtifactError
+from artifacts.kinds import KINDS
+from artifacts.schema import Parent
 
 
 def sha256_of(path: str | Path) -> str:
-    """Return the SHA-256 of a file's bytes, in hexadecimal."""
+    """Return the SHA-256 of a file's bytes, in hexadecimal.
+
+    Raises:
+      OSError: It cannot be read, or is no regular file: a pipe would never end, or be empty the next time.
+    """
+    check_regular(path)
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def check_regular(path: str | Path) -> None:
+    """Check that a path leads to a regular file, without opening it: opening a pipe would wait for its writer.
+
+    Raises:
+      OSError: It leads to something else, or nowhere, or is no path at all.
+    """
+    try:
+        mode = os.stat(path).st_mode
+    except ValueError as error:  # a NUL character
+        raise OSError(errno.EINVAL, os.strerror(errno.EINVAL)) from error
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "it is a pipe, socket or device, not a file")
+
+
+def is_missing(path: str | Path) -> bool:
+    """Return whether there is nothing at a path, as opposed to something that cannot be read."""
+    try:
+        os.lstat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return True
+    except OSError:
+        return False
+    return False
+
+
+def real(path: str | Path) -> Path:
+    """Return the path without links. Unlike `Path.resolve`, this never raises for a path without NUL characters."""
+    return Path(os.path.realpath(path))
+
+
+def files_below(folder: str | Path, ending: str) -> list[Path]:
+    """Return the files with this ending in a folder and its subfolders, sorted; links to folders are not followed.
+
+    Raises:
+      ArtifactError: A folder cannot be read, so that files could be overlooked.
+    """
+    found, folders = [], [Path(folder)]
+    while folders:
+        current = folders.pop()
+        try:
+            with os.scandir(current) as entries:
+                for entry in entries:
+                    if entry.is_dir(follow_symlinks=False):
+                        folders.append(Path(entry.path))
+                    elif entry.name.endswith(ending) and not os.path.isdir(entry.path):
+                        found.append(Path(entry.path))
+        except OSError as error:
+            raise ArtifactError(f"{current}: cannot be read ({error.strerror}): check its permissions") from error
+    return sorted(found)
 
 
 def default_path(runs: str | Path, name: str, kind: str) -> Path:
@@ -36,12 +98,11 @@ def stem_of(path: str | Path) -> str:
 def parent_path(child: str | Path, parent: Parent) -> Path:
     """Return where a parent is, or should be. The recorded path is relative to the real folder of the child.
 
-    If the caller reached the child's folder through a link, the returned path goes through the same link, provided that
+    If the caller reached the child through a link, the returned path goes through the same link, provided that
     it leads to the same file or that there is no file at the real path.
     """
-    folder = Path(child).parent
-    path = Path(os.path.normpath(folder / parent.path))
-    real = Path(os.path.normpath(folder.resolve() / parent.path))
-    if real.is_file() and not (path.is_file() and path.samefile(real)):
-        return real
+    path = Path(os.path.normpath(Path(child).parent / parent.path))
+    recorded = Path(os.path.normpath(real(child).parent / parent.path))
+    if os.path.isfile(recorded) and not (os.path.isfile(path) and path.samefile(recorded)):
+        return recorded
     return path

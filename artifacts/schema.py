@@ -1,29 +1,58 @@
-"""The schema of artifacts: the manifest, and the datasets that each kind must hold."""
+"""The manifest of artifacts, as it is stored in the root attributes."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path, PurePath
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from artifacts.errors import ArtifactError
 
 DIGEST = "manifest_sha256"
 JSON_FIELDS = ("config", "parents", "environment", "datasets", "recipe", "summary")
+MOST_NESTED = 32  # lists and mappings in lists and mappings
+MOST_DIGITS = 100  # of a number in the manifest
 INT64 = range(-(2**63), 2**63)
-DIGESTS_SINCE = 2  # first schema version with a digest of each dataset and of the content
-SCHEMA = 2  # current schema version of every kind
 
 # Values that differ between two runs of the same command with the same seed: measured times and file names. Patterns
 # for datasets have the form KIND/NAME, for configurations KIND/KEY/KEY, where the key of a list item is its index.
 VOLATILE_DATASETS = ("*/curve/seconds",)
 VOLATILE_CONFIG = ("*/seconds", "*/minutes", "*/learning_minutes", "evaluation/runs/*/policy")
+
+
+Word = Annotated[str, Field(max_length=200)]
+
+
+def _path(text: str) -> str:
+    if "\0" in text:
+        raise ValueError("a path cannot contain NUL")
+    return text
+
+
+def _shallow(values: dict[str, Any]) -> dict[str, Any]:
+    if _is_deep(values, MOST_NESTED):
+        raise ValueError("it is nested too deeply")
+    return values
+
+
+def _is_deep(value: Any, room: int) -> bool:
+    if not isinstance(value, dict | list | tuple):
+        return False
+    return room == 0 or any(_is_deep(one, room - 1) for one in (value.values() if isinstance(value, dict) else value))
+
+
+Values = Annotated[dict[str, Any], AfterValidator(_shallow)]
+
+
+def _recipe(values: dict[str, Any]) -> dict[str, Any]:
+    if not isinstance(values.get("config", {}), dict):
+        raise ValueError("its config is no mapping")
+    return values
 
 
 class Parent(BaseModel):
@@ -38,10 +67,10 @@ class Parent(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    kind: str
-    path: str
-    content: str = ""
-    sha256: str = ""
+    kind: Word
+    path: Annotated[str, Field(max_length=4096), AfterValidator(_path)]
+    content: Word = ""
+    sha256: Word = ""
 
     @property
     def digest(self) -> str:
@@ -71,19 +100,19 @@ class Manifest(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    kind: str
+    kind: Word
     schema_version: int
-    created: str
-    ifo_version: str
-    config: dict[str, Any]
-    seed: int
+    created: Word
+    ifo_version: Word
+    config: Values
+    seed: Annotated[int, Field(ge=0)]
     command: str
     parents: list[Parent]
-    environment: dict[str, str]
-    datasets: dict[str, str] = {}
-    content: str = ""
-    recipe: dict[str, Any] = {}
-    summary: dict[str, Any] = {}
+    environment: dict[Word, str]
+    datasets: dict[str, Word] = {}
+    content: Word = ""
+    recipe: Annotated[Values, AfterValidator(_recipe)] = {}
+    summary: Values = {}
 
     def to_attributes(self) -> dict[str, int | str]:
         """Return the HDF5 root attributes, including a digest of all others.
@@ -110,14 +139,19 @@ class Manifest(BaseModel):
         try:
             return cls.model_validate(dict(fields))
         except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(str(part) for part in first["loc"])
-            raise ArtifactError(f"bad manifest: {where}: {first['msg']}") from error
+            raise ArtifactError(f"bad manifest: {first_problem(error)}: was it written by ifo?") from error
 
     @classmethod
     def from_attributes(cls, attributes: Mapping[str, int | str]) -> Manifest:
         """Return the manifest from root attributes (inverse of `to_attributes`); the digest is not checked here."""
         return cls.from_fields(decode_attributes(attributes))
+
+
+def first_problem(error: ValidationError) -> str:
+    """Return what is wrong first, and where."""
+    first = error.errors(include_url=False, include_input=False)[0]
+    where = ".".join(map(str, first["loc"]))[:100]
+    return f"{where}: {first['msg'].removeprefix('Value error, ')}"
 
 
 def attributes_digest(attributes: Mapping[str, int | str]) -> str:
@@ -132,10 +166,16 @@ def decode_attributes(attributes: Mapping[str, int | str]) -> dict[str, Any]:
     for name in JSON_FIELDS:
         if isinstance(fields.get(name), str):
             try:
-                fields[name] = json.loads(fields[name])
-            except ValueError as error:
+                fields[name] = json.loads(fields[name], parse_int=_integer)
+            except (ValueError, RecursionError) as error:
                 raise ArtifactError(f"bad manifest: {name} is not JSON: was it written by ifo?") from error
     return fields
+
+
+def _integer(digits: str) -> int:
+    if len(digits) > MOST_DIGITS:
+        raise ValueError(f"a number of {len(digits)} digits")
+    return int(digits)
 
 
 def json_values(value: Any) -> Any:
@@ -156,98 +196,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.tolist()
     raise TypeError(f"{value!r} ({type(value).__name__}) cannot be part of a configuration: use plain values")
-
-
-@dataclass(frozen=True)
-class DatasetSpec:
-    """Axes and types of a dataset.
-
-    Attributes:
-      axes: A name or a fixed length per axis; the same name means the same length throughout the file. None: any shape.
-      dtypes: Exact names ("uint8") or NumPy kinds ("f"). Empty: any.
-    """
-
-    axes: tuple[str | int, ...] | None = None
-    dtypes: tuple[str, ...] = ()
-
-    @property
-    def ndim(self) -> int | None:
-        return None if self.axes is None else len(self.axes)
-
-    def problem(self, shape: tuple[int, ...], dtype: np.dtype, lengths: dict[str, int]) -> str | None:
-        """Describe why an array does not fit, or return None; `lengths` collects the lengths of the named axes."""
-        if self.dtypes and dtype.name not in self.dtypes and dtype.kind not in self.dtypes:
-            return f"is {dtype.name}, expected {self}"
-        if self.axes is None:
-            return None
-        if len(shape) != len(self.axes):
-            return f"has shape {shape}, expected {self}"
-        for axis, length in zip(self.axes, shape, strict=True):
-            wanted = axis if isinstance(axis, int) else lengths.setdefault(axis, length)
-            if length != wanted:
-                return f"has shape {shape}, expected {self} with {axis} = {wanted}"
-        return None
-
-    def __str__(self) -> str:
-        names = {"f": "float", "uint8": "uint8"}
-        dtypes = " or ".join(names.get(dtype, dtype) for dtype in self.dtypes) or "any type"
-        return dtypes if self.axes is None else f"{dtypes} ({', '.join(map(str, self.axes))})"
-
-
-@dataclass(frozen=True)
-class KindSpec:
-    """The datasets that a kind of artifact must hold; it may hold more.
-
-    Attributes:
-      version: The schema version that is written, and the newest that can be read.
-      datasets: Required datasets; a name ending in `/*` means at least one dataset in that group.
-      optional: Datasets that may be missing.
-    """
-
-    version: int = SCHEMA
-    datasets: Mapping[str, DatasetSpec] = field(default_factory=dict)
-    optional: Mapping[str, DatasetSpec] = field(default_factory=dict)
-
-    def problem(self, found: Mapping[str, tuple[tuple[int, ...], np.dtype]]) -> str | None:
-        """Describe the first missing or mismatching dataset among name -> (shape, dtype), or return None."""
-        lengths: dict[str, int] = {}
-        for wanted, spec in {**self.datasets, **self.optional}.items():
-            if wanted.endswith("/*"):
-                names = [name for name in found if name.startswith(wanted[:-1])]
-            else:
-                names = [wanted] if wanted in found else []
-            if not names and wanted in self.datasets:
-                return f"dataset {wanted} is missing, expected {spec}"
-            for name in names:
-                problem = spec.problem(*found[name], lengths)
-                if problem:
-                    return f"dataset {name} {problem}"
-        return None
-
-
-_WEIGHTS = {"weights/*": DatasetSpec()}
-
-KINDS: dict[str, KindSpec] = {
-    "expert": KindSpec(SCHEMA, _WEIGHTS),
-    "demos": KindSpec(
-        SCHEMA,
-        {"frames": DatasetSpec(("N", "T", "H", "W", 3), ("uint8",))},
-        # Simulated demonstrations have distances; imported ones have the time stamps of their frames.
-        {"final_distance": DatasetSpec(("N",), ("f",)), "times": DatasetSpec(("N", "T"), ("f",))},
-    ),
-    "translator": KindSpec(SCHEMA, _WEIGHTS),
-    "translation": KindSpec(
-        SCHEMA,
-        {
-            "context_frame": DatasetSpec(("H", "W", 3), ("uint8",)),
-            "target_features": DatasetSpec(("T", "D"), ("f",)),
-            "target_images": DatasetSpec(("T", "H", "W", 3), ("uint8", "f")),
-        },
-    ),
-    "policy": KindSpec(SCHEMA, _WEIGHTS),
-    "evaluation": KindSpec(SCHEMA, {"final_distance": DatasetSpec(("R", "E"), ("f",))}),
-    "checkpoint": KindSpec(SCHEMA),
-}
 
 
 class Config(dict[str, Any]):

@@ -14,22 +14,16 @@ import numpy as np
 from artifacts import hdf5
 from artifacts.content import content_digest
 from artifacts.errors import ArtifactError
+from artifacts.kinds import DIGESTS_SINCE, KINDS, is_finite
+from artifacts.layout import checked_names
 from artifacts.migrations import ArrayView, Source, migrate
-from artifacts.paths import parent_path, sha256_of
+from artifacts.paths import check_regular, is_missing, parent_path, sha256_of
 from artifacts.pipeline import COMMANDS
-from artifacts.schema import (
-    DIGEST,
-    DIGESTS_SINCE,
-    KINDS,
-    Config,
-    Manifest,
-    Parent,
-    attributes_digest,
-    decode_attributes,
-)
+from artifacts.schema import DIGEST, Config, Manifest, Parent, attributes_digest, decode_attributes
 from artifacts.wording import a_, either, how_to_make, naming, undamaged
 
 REPLACED = "was replaced or removed while in use: run the command again"
+LONGEST_KIND = 100
 Kinds = str | tuple[str, ...] | None
 Identity = tuple[int, int, int, int]  # identity of a file: device, inode, size, modification time
 
@@ -106,7 +100,12 @@ class Artifact:
     def _read(self, file: Any, name: str, selection: Any = ...) -> np.ndarray:
         if name not in self._sources:
             raise ArtifactError(f"has no dataset {name}: expected one of {', '.join(self.names()) or 'none'}")
-        source = self._sources[name]
+        array = self._stored(file, self._sources[name], selection)
+        if KINDS[self.kind].must_be_finite(name):
+            check_finite(name, array)
+        return array
+
+    def _stored(self, file: Any, source: Source, selection: Any) -> np.ndarray:
         if source.stored is None:
             return np.array(np.asarray(source.value)[selection])
         digest = self.manifest.datasets.get(source.stored)
@@ -148,7 +147,7 @@ def read_artifact(path: str | Path, kind: Kinds = None) -> Artifact:
                 f"was written by a newer ifo (schema {version}, "
                 f"this one reads up to {KINDS[found].version}): upgrade ifo"
             )
-        stored = hdf5.dataset_names(file)
+        stored = checked_names(file)
         arrays = ArrayView(stored)
         migrate(fields, arrays)
         manifest = Manifest.from_fields(fields)
@@ -156,6 +155,7 @@ def read_artifact(path: str | Path, kind: Kinds = None) -> Artifact:
             _check_names(stored, manifest)
         artifact = Artifact(path, manifest, arrays.sources, identity)
         described = {name: artifact._describe(file, name) for name in arrays.sources}
+        KINDS[found].check_config(manifest.config)
         problem = KINDS[found].problem(described)
         if problem:
             raise ArtifactError(f"{problem}: make it again with `{COMMANDS.get(found, 'ifo')}`")
@@ -208,12 +208,19 @@ def open_unchanged(artifact: Artifact) -> Iterator[Any]:
             yield file
 
 
+def check_finite(name: str, array: np.ndarray) -> None:
+    """Check that no value of a dataset is NaN or infinite."""
+    if not is_finite(array):
+        raise ArtifactError(f"dataset {name} holds values that are NaN or infinite: make the file again")
+
+
 def _check_is_file(path: Path, wanted: tuple[str, ...] | None) -> None:
-    if path.is_dir():
-        raise ArtifactError(f"{path}: is a folder: {how_to_make(wanted, 'pass')}")
     try:
+        check_regular(path)
         with open(path, "rb") as file:
             start = file.read(len(hdf5.SIGNATURE))
+    except IsADirectoryError as error:
+        raise ArtifactError(f"{path}: is a folder: {how_to_make(wanted, 'pass')}") from error
     except FileNotFoundError as error:
         raise ArtifactError(f"{path}: no such file: {how_to_make(wanted, 'make')}") from error
     except OSError as error:
@@ -230,7 +237,8 @@ def _checked_fields(file: Any, wanted: tuple[str, ...] | None = None) -> dict[st
     if attributes_digest(attributes) != attributes[DIGEST]:
         raise ArtifactError("has a damaged manifest: restore the file or make it again")
     fields = decode_attributes(attributes)
-    if not isinstance(fields["kind"], str) or not isinstance(fields["schema_version"], int):
+    kind, version = fields["kind"], fields["schema_version"]
+    if not isinstance(kind, str) or len(kind) > LONGEST_KIND or not isinstance(version, int):
         raise ArtifactError(f"is HDF5 but not an ifo artifact: {how_to_make(wanted, 'pass')}")
     return fields
 
@@ -248,7 +256,7 @@ def _check_names(stored: list[str], manifest: Manifest) -> None:
 def _existing_parent(child: Path, parent: Parent) -> Path:
     """Return the parent's path, or raise an ArtifactError that names both files."""
     path = parent_path(child, parent)
-    if not path.is_file():
+    if is_missing(path):
         raise ArtifactError(
             f"{child} was made from {path}, which is missing: put that file back, or make both again "
             f"(`{COMMANDS.get(parent.kind, 'ifo')}`)"
@@ -272,7 +280,7 @@ def _content_of_old(path: Path, identity: Identity | None) -> str:
             raise ArtifactError(REPLACED)
     with naming(path), undamaged("is truncated or damaged"), hdf5.open_file(path) as file:
         fields = _checked_fields(file)
-        datasets = {name: hdf5.dataset_digest(file[name]) for name in hdf5.dataset_names(file)}
+        datasets = {name: hdf5.dataset_digest(file[name]) for name in checked_names(file)}
         parents = [parent["sha256"] for parent in fields["parents"]]
         return content_digest(
             fields["kind"], fields["schema_version"], datasets, fields["config"], int(fields["seed"]), parents

@@ -43,8 +43,8 @@ def unpack(json_text: str, arrays: Mapping[str, np.ndarray]) -> Any:
     """Restore a tree (inverse of `pack`); raise ArtifactError if `pack` did not write the text."""
     try:
         return _decode(json.loads(json_text), arrays)
-    except (ValueError, KeyError, TypeError, AttributeError, struct.error, RecursionError) as error:
-        reason = " ".join(str(error).split())
+    except (ValueError, LookupError, TypeError, AttributeError, SyntaxError, struct.error, RecursionError) as error:
+        reason = " ".join(str(error).split())[:200]
         raise ArtifactError(f"malformed tree ({reason}): this file was not written by ifo") from error
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from artifacts.errors import ArtifactError, IfoError
+from artifacts.errors import ArtifactError, IfoError, PlatformError
 from artifacts.pipeline import COMMANDS
 
 
@@ -32,12 +32,12 @@ def either(kinds: tuple[str, ...]) -> str:
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Put the file's name before the message of an ArtifactError."""
+    """Put the file's name before the message of an error."""
     try:
         yield
-    except ArtifactError as error:
-        joint = " " if str(error).startswith(("is ", "was ", "has ")) else ": "
-        raise ArtifactError(f"{path}{joint}{error}") from error.__cause__
+    except (ArtifactError, PlatformError) as error:
+        joint = " " if str(error).startswith(("is ", "was ", "has ", "needs ")) else ": "
+        raise type(error)(f"{path}{joint}{error}") from error.__cause__
 
 
 @contextmanager
@@ -47,6 +47,8 @@ def undamaged(problem: str) -> Iterator[None]:
         yield
     except IfoError:
         raise
-    except (OSError, RuntimeError, KeyError, UnicodeError) as error:
+    except MemoryError as error:
+        raise PlatformError("needs more memory than is free: use a machine with more") from error
+    except (OSError, RuntimeError, LookupError, ValueError, TypeError, ArithmeticError) as error:
         reason = " ".join(str(error).split())
         raise ArtifactError(f"{problem} ({reason}): restore the file or make it again") from error

@@ -14,7 +14,9 @@ from artifacts import hdf5
 from artifacts.atomic import atomic_path
 from artifacts.content import content_digest
 from artifacts.errors import ArtifactError
-from artifacts.schema import KINDS, Manifest, Parent, json_values
+from artifacts.kinds import KINDS, is_finite
+from artifacts.paths import real
+from artifacts.schema import Manifest, Parent, json_values
 from artifacts.store import Artifact, read_artifact
 from artifacts.version import ifo_version
 from artifacts.wording import naming
@@ -61,6 +63,9 @@ def write_artifact(
         problem = KINDS[kind].problem({name: (array.shape, array.dtype) for name, array in arrays.items()})
         if problem:
             raise ArtifactError(problem)
+        for name, array in arrays.items():
+            if KINDS[kind].must_be_finite(name) and not is_finite(array):
+                raise ArtifactError(f"dataset {name} would hold values that are NaN or infinite: not written")
     version, values = KINDS[kind].version, json_values(config)
     recorded = [_recorded(parent, path) for parent in parents]
     digests = {name: hdf5.digest_of(array) for name, array in arrays.items()}
@@ -91,10 +96,10 @@ def write_artifact(
 def _recorded(parent: str | Path | Artifact, child: Path) -> Parent:
     """Return the record of a parent for its child's manifest."""
     artifact = parent if isinstance(parent, Artifact) else read_artifact(parent)
-    folder, target = child.parent.resolve(), artifact.path.resolve()
-    if target == child.resolve():
+    out, target = real(child), real(artifact.path)
+    if target == out:
         raise ArtifactError(f"{child}: would replace its own input: choose another --out")
-    relative = Path(os.path.relpath(target, folder)).as_posix()
+    relative = Path(os.path.relpath(target, out.parent)).as_posix()
     return Parent(kind=artifact.kind, path=relative, content=artifact.content)
 
 

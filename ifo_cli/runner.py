@@ -10,12 +10,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from artifacts.errors import IfoError, PlatformError, UsageError
+from artifacts.errors import ArtifactError, IfoError, PlatformError, UsageError
 from artifacts.pipeline import STAGE_FILES
 from ifo_cli.options import Given
 from ifo_cli.settling import Settled, check_at_once, read_file, settle, show
 from ifo_cli.streams import emit, inputs_or_stdin, plain, stdout_to_stderr
-from stages.config.task_names import permission_needed
+from stages.config.task_names import check_task_name, permission_needed
 from stages.config.toml import Table
 
 if TYPE_CHECKING:
@@ -157,7 +157,16 @@ def _read(stage: str, paths: Sequence[Path]) -> list[Artifact]:
 
 
 def _task_of(parents: Sequence[Artifact]) -> str:
-    return str(parents[0].config.get("task") or "") if parents else ""
+    """Return the task that the first parent names.
+
+    Raises:
+        ArtifactError: There is no such task.
+    """
+    name = str(parents[0].config.get("task") or "") if parents else ""
+    try:
+        return check_task_name(name) if name else ""
+    except UsageError as error:
+        raise ArtifactError(f"{parents[0].path}: {error}") from error
 
 
 def command_line(given: Given, piped: Sequence[Path] = ()) -> str:
@@ -188,7 +197,7 @@ def check_out(out: Path | None) -> Path | None:
         return None
     if out.suffix != ".h5" or out.name.endswith(".checkpoint.h5"):
         raise UsageError(f"--out {out}: expected a file name ending in .h5, by convention NAME.KIND.h5")
-    if out.is_dir():
+    if os.path.isdir(out):
         raise UsageError(f"--out {out} is a folder: expected a file name ending in .h5")
     return out
 
@@ -197,7 +206,7 @@ def make_folder(out: Path | None) -> list[Path]:
     """Create the folder of `out`, and return the folders that were created, innermost first."""
     if out is None:
         return []
-    missing = [folder for folder in out.parents if not folder.exists()]
+    missing = [folder for folder in out.parents if not os.path.lexists(folder)]
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -208,4 +217,4 @@ def make_folder(out: Path | None) -> list[Path]:
 
 
 def _same_file(path: Path, out: Path) -> bool:
-    return path.resolve() == out.resolve()
+    return os.path.realpath(path) == os.path.realpath(out)

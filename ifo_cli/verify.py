@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -58,12 +59,13 @@ def _named(inputs: Sequence[Path]) -> Iterator[Path]:
         ArtifactError: A folder holds no artifacts.
     """
     from artifacts import KINDS
+    from artifacts.paths import files_below, real
 
     seen: set[Path] = set()
     for given in inputs:
         inside = [given]
-        if given.is_dir():
-            found = sorted(path for path in given.rglob("*.h5") if path.is_file())
+        if os.path.isdir(given):
+            found = files_below(given, ".h5")
             inside = [path for path in found if path.name.split(".")[-2] in KINDS and path.name.count(".") > 1]
             if not inside:
                 raise ArtifactError(
@@ -76,8 +78,8 @@ def _named(inputs: Sequence[Path]) -> Iterator[Path]:
                     flush=True,
                 )
         for path in inside:
-            if path.resolve() not in seen:
-                seen.add(path.resolve())
+            if real(path) not in seen:
+                seen.add(real(path))
                 yield path
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +21,7 @@ from artifacts import (
     write_mp4,
     write_overview,
 )
+from artifacts.paths import is_missing, real
 from stages.config.presets import DEFAULT_PRESET, defaults
 from stages.config.stages import DemosConfig
 from stages.learners.demonstrators import Demonstrator, Expert, Person
@@ -68,7 +70,7 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
     output = Output.of(
         out, "demos", "collect-demos", config, run, [known] if known else [], {"task": task.name, **code_digest(task)}
     )
-    if output.found and not run.overwrite and config.videos and not Path(config.videos).is_dir():
+    if output.found and not run.overwrite and config.videos and not os.path.isdir(config.videos):
         raise UsageError(f"{out} exists, but its footage {config.videos} does not: use --overwrite to redo both")
     if kept := output.kept():
         return kept
@@ -178,9 +180,9 @@ def playback(rng: np.random.Generator, n: int, frames: int, jitter: float) -> np
 def _check_footage(config: DemosConfig, out: Path) -> None:
     """Refuse a footage folder that exists, or that would contain the artifact."""
     folder = Path(config.videos)
-    if config.videos and folder.exists():
+    if config.videos and os.path.lexists(folder):
         raise UsageError(f"--videos {folder}: already exists: remove it or choose another name")
-    if config.videos and folder.resolve() in out.resolve().parents:
+    if config.videos and real(folder) in real(out).parents:
         raise UsageError(f"--videos {folder}: {out} would be written into it: choose a separate folder for the footage")
 
 
@@ -229,7 +231,7 @@ def _find_expert(task_name: str, run: RunOptions, folder: Path) -> Path | None:
         ArtifactError: The file is not a readable expert.
     """
     path = _expert_path(task_name, run, folder)
-    if not path.exists():
+    if is_missing(path):
         return None
     read_artifact(path, "expert")
     return path
@@ -247,7 +249,7 @@ def _found_or_trained_expert(task: Task, run: RunOptions, folder: Path) -> Path:
     run.progress.say(f"no expert for {task.name} yet: training one and saving it as {path}")
     command = f"ifo train-expert {task.name} --preset {run.preset} --seed {run.seed} --out {path}"
     expert_run = dataclasses.replace(
-        run, out=path, command=command, resume=checkpoint_path(path).exists(), overwrite=False, given=frozenset()
+        run, out=path, command=command, resume=not is_missing(checkpoint_path(path)), overwrite=False, given=frozenset()
     )
     config = defaults(run.preset, "train-expert", task.name, own=task.defaults)
     return train_expert(task.name, config, expert_run).path

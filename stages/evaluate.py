@@ -19,6 +19,7 @@ from artifacts import (
     write_mp4,
 )
 from artifacts.atomic import write_bytes
+from artifacts.paths import real
 from stages.config.stages import EvaluateConfig
 from stages.reporting.figures import figures
 from stages.reporting.methods import describe_method
@@ -39,16 +40,17 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     A run succeeds by the paper's criterion if the stochastic policy's normalized final distance, averaged over
     episodes, is below the task's threshold. The success rate of the deterministic policy's episodes is reported too.
     """
-    from stages.learners.policy import Policy, policy_video
+    from stages.learners.policy import Policy, check_fits, first_observation, policy_video
     from stages.reporting.plots import plot_learning_curves
     from stages.runtime.devices import use_threads
     from stages.simulation.gl import choose_backend
+    from stages.simulation.recorded import recorded_contexts
     from stages.simulation.registry import code_digest, make_task
     from stages.simulation.render import RenderPool
 
     check("evaluate", config, run)
     choose_backend()
-    places = [path.resolve() for path in policies]
+    places = [real(path) for path in policies]
     twice = [path for path, place in zip(policies, places, strict=True) if places.count(place) > 1]
     if twice:
         raise UsageError(f"{twice[0]}: given twice: pass each policy once; duplicates narrow the intervals")
@@ -66,12 +68,14 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
         return kept
     results: dict[str, list[np.ndarray]] = {}
     videos: list[np.ndarray] = []
+    observation = first_observation(task)
     with (
         RenderPool.of(task, 1) as pool,
         run.progress.bar("evaluate", len(sources), "policies") as bar,
     ):
         for index, source in enumerate(sources):
-            policy, contexts = Policy.load(source), source.group("contexts")
+            check_fits(source, task, observation)
+            policy, contexts = Policy.load(source), recorded_contexts(source, task)
             for key, value in _episodes(task, policy, contexts, config.episodes, run.seed, index).items():
                 results.setdefault(key, []).append(value)
             if len(videos) < SHOWN:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from stages.runtime.devices import pick_device, pick_workers
 from stages.runtime.outputs import Output, name_tags
 from stages.runtime.run import RunOptions, StageResult, check, environment, full_config
 from stages.simulation.contexts import repeat
+from stages.simulation.task import Task
 
 
 def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> StageResult:
@@ -40,6 +42,7 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     from stages.learners.policy import Policy, policy_video, policy_weights
     from stages.runtime.devices import use_threads
     from stages.simulation.gl import choose_backend
+    from stages.simulation.recorded import recorded_contexts
     from stages.simulation.registry import code_digest, make_task
     from stages.simulation.render import RenderPool
 
@@ -49,11 +52,12 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     task = make_task(source.config["task"])
     device = pick_device(run.device)
     workers = use_threads(pick_workers(run.workers))
-    contexts = source.group("contexts")
+    contexts = recorded_contexts(source, task)
+    _check_frames(source, task)
     usual = defaults(run.preset, "learn-policy", task.name, own=task.defaults)
     tags = name_tags(config, usual, run, source.manifest.seed, source.config.get("preset", run.preset))
     out = run.out or default_path(source.path.parent, stem_of(source.path) + tags, "policy")
-    weights = {"weights_sha256": sha256_of(config.weights)} if Path(config.weights).is_file() else {}
+    weights = {"weights_sha256": sha256_of(config.weights)} if os.path.isfile(config.weights) else {}
     output = Output.of(out, "policy", "learn-policy", config, run, [source], code_digest(task) | weights)
     if kept := output.kept():
         return kept
@@ -92,6 +96,16 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     )
     checkpoints.remove()
     return result
+
+
+def _check_frames(source: Artifact, task: Task) -> None:
+    """Raise ArtifactError if a translation has other frames than the task."""
+    found, wanted = source.describe()["target_images"][0][:3], (task.frames, *task.frame_size)
+    if found != wanted:
+        raise ArtifactError(
+            f"{source.path}: translations of {found[0]} frames of {found[2]}x{found[1]} pixels do not fit task "
+            f"{task.name}, which has {wanted[0]} of {wanted[2]}x{wanted[1]}: translate again"
+        )
 
 
 def _finite(metrics: dict[str, np.ndarray]) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 from artifacts import Artifact, ArtifactError, PlatformError, UsageError, read_artifact
 from artifacts.atomic import write_bytes
+from artifacts.paths import files_below, real
 from stages.reporting.counting import Duplicate, count_once
 from stages.reporting.lineage import lineage
 from stages.reporting.names import DEMONSTRATIONS, TRANSLATOR
@@ -21,7 +23,7 @@ from stages.reporting.videos import collect_videos
 from stages.runtime.progress import Progress
 from stages.runtime.run import StageResult
 
-PATTERN = "*.evaluation.h5"
+ENDING = ".evaluation.h5"
 
 
 def report(inputs: Sequence[Path], out: Path, title: str, command: str, progress: Progress) -> StageResult:
@@ -84,14 +86,14 @@ def find_evaluations(inputs: Sequence[Path]) -> list[Path]:
     """
     found: dict[Path, Path] = {}
     for path in inputs:
-        if path.is_dir():
-            inside = sorted(path.rglob(PATTERN))
+        if os.path.isdir(path):
+            inside = files_below(path, ENDING)
             if not inside:
-                raise ArtifactError(f"{path}: contains no evaluation ({PATTERN}): create one with `ifo evaluate`")
+                raise ArtifactError(f"{path}: contains no evaluation (*{ENDING}): create one with `ifo evaluate`")
         else:
             inside = [path]
         for file in inside:
-            found.setdefault(file.resolve(), file)
+            found.setdefault(real(file), file)
     return list(found.values())
 
 

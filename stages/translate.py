@@ -64,6 +64,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     align = config.align or source.config.get("align", "none")
     if align == "dtw":
         require_tslearn()
+    _check_demonstrations(source, demos)
     model = load_translator(source, device)
     where = Path(config.context_image).stem if config.context_image else f"c{config.context_seed}"
     task_name = str(source.config.get("task") or "")
@@ -156,6 +157,17 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
         parents=[source],
         environment=environment(device),
     )
+
+
+def _check_demonstrations(source: Artifact, demos: Artifact) -> None:
+    """Raise ArtifactError if a translator's configuration contradicts the demonstrations that it was trained on."""
+    count, _, *size, _ = demos.describe()["frames"][0]
+    held_out = source.config["held_out_demonstrations"]
+    if source.config["demonstrations"] != count or source.config["size"] != size or not 0 < held_out < count:
+        raise ArtifactError(
+            f"{source.path}: its configuration does not fit {demos.path}, which has {count} demonstrations of "
+            f"{size[1]}x{size[0]} pixels: train it again"
+        )
 
 
 def _image_digest(config: TranslateConfig) -> dict[str, str]:

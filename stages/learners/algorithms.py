@@ -114,15 +114,16 @@ def restore_learner(model: Learner, state: dict[str, Any]) -> None:
     model.set_parameters(from_tree(state["parameters"]), exact_match=True, device=model.device)
     for name, value in from_tree(state["variables"]).items():
         getattr(model, name).data.copy_(value)
-    model.num_timesteps = state["samples"]
-    model._n_updates = state["updates"]
+    model.num_timesteps = int(state["samples"])
+    model._n_updates = int(state["updates"])
     if isinstance(model, SAC) and (buffer := model.replay_buffer) is not None:
         for name, value in state["replay"].items():
             getattr(buffer, name)[: len(value)] = value
-        buffer.pos, buffer.full = state["replay_position"]
+        position, full = state["replay_position"]
+        buffer.pos, buffer.full = range(buffer.buffer_size)[position], bool(full)
     env = model.env
     assert isinstance(env, EpisodeEnv)
-    env.episode = state["episode"] - 1  # The current episode was drawn before the state was saved; draw it again.
+    env.episode = int(state["episode"]) - 1  # The current episode was drawn before the state was saved; draw it again.
     model._last_obs = env.reset()
     model._last_episode_starts = np.ones(env.num_envs, bool)
     np.random.set_state(tuple(state["numpy"]))

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from artifacts import Artifact, ArtifactError, UsageError, read_artifact
-from stages.config.presets import defaults
+from stages.config.fields import one_of
+from stages.config.presets import PRESETS, defaults
 from stages.simulation.contexts import Contexts
+from stages.simulation.recorded import recorded_distribution
 from stages.simulation.task import State, Task
 
 if TYPE_CHECKING:
@@ -73,9 +75,10 @@ class Expert(Demonstrator):
         Raises:
             ArtifactError: The file is not an expert for this task.
         """
-        from stages.learners.policy import Policy
+        from stages.learners.policy import Policy, check_fits, first_observation
 
         artifact = load_expert(path, task.name)
+        check_fits(artifact, task, first_observation(task, expert=True))
         self.task, self.parents = task, (artifact,)
         self._policy = Policy.load(artifact)
 
@@ -142,10 +145,17 @@ def filmed_contexts(demos: Artifact) -> tuple[str, str]:
 
     Imported demonstrations do not record a distribution. For them, this is the one that `collect-demos` would use with
     the same preset.
+
+    Raises:
+        ArtifactError: There is no such distribution or preset.
     """
     if demos.config.get("stage") == IMPORTED:
         from stages.simulation.registry import task_defaults
 
-        task = demos.config.get("task") or ""
-        return defaults(demos.config["preset"], "collect-demos", task, own=task_defaults(task)).contexts, ""
-    return demos.config["contexts"], demos.config.get("vary", "")
+        task, preset = demos.config.get("task") or "", demos.config["preset"]
+        if preset not in PRESETS:
+            raise ArtifactError(f"{demos.path}: unknown preset {preset!r}: expected one of {one_of(PRESETS)}")
+        return defaults(preset, "collect-demos", task, own=task_defaults(task)).contexts, ""
+    contexts, vary = demos.config["contexts"], demos.config.get("vary", "")
+    recorded_distribution(demos, contexts, vary)
+    return contexts, vary

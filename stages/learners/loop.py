@@ -14,7 +14,7 @@ from stages.learners.algorithms import Learner, learner_state, make_learner, res
 from stages.learners.environment import EpisodeEnv
 from stages.learners.gps.learner import GuidedPolicySearch
 from stages.learners.policy import policy_weights
-from stages.runtime.checkpoints import Checkpoints
+from stages.runtime.checkpoints import Checkpoints, curve_of
 from stages.runtime.run import RunOptions
 from stages.runtime.seeding import integer
 from stages.runtime.tensorboard import TensorBoard
@@ -49,9 +49,10 @@ def learn(
     curve: Curve = {}
     done = 0
     if (state := checkpoints.start()) is not None:
-        restore_learner(model, state["learner"])
-        env.reward.restore(state["reward"])
-        curve, done = state["curve"], state["done"]
+        with checkpoints.restoring():
+            restore_learner(model, state["learner"])
+            env.reward.restore(state["reward"])
+            curve, done = curve_of(state["curve"]), range(config.iterations)[state["done"]]
     samples = env.num_envs * env.task.control_steps
     threshold = env.task.success_threshold
     try:

@@ -29,6 +29,9 @@ def policy_weights(model: Learner) -> dict[str, np.ndarray]:
     return {f"weights/{name}": value for name, value in to_tree(model.policy.state_dict()).items()}
 
 
+LAYERS = "mlp_extractor.policy_net", "action_net"  # of the policies of TRPO and PPO
+
+
 class Policy:
     """Maps observations to actions in [-1, 1]."""
 
@@ -52,6 +55,7 @@ class Policy:
         config = artifact.config
         if config["learner"] == "gps":
             return ControllerPolicy.load(artifact)
+        _check_width(artifact)
         observation = spaces.Box(-np.inf, np.inf, (config["observation_size"],), np.float32)
         action = spaces.Box(-1.0, 1.0, (config["action_size"],), np.float32)
         kwargs: dict[str, Any] = {"net_arch": [config["hidden"], config["hidden"]]}
@@ -62,7 +66,7 @@ class Policy:
             network = ActorCriticPolicy(observation, action, lambda _: 0.0, **kwargs)
         try:
             network.load_state_dict(from_tree(artifact.group("weights")))
-        except RuntimeError as error:
+        except (RuntimeError, TypeError) as error:
             reason = " ".join(str(error).split())
             raise ArtifactError(
                 f"{artifact.path}: the weights do not fit the network in its configuration ({reason})"
@@ -77,6 +81,55 @@ class Policy:
             with torch.random.fork_rng(devices=[]):
                 torch.manual_seed(int(torch.randint(2**62, (), generator=noise)))
                 return self._network.predict(observation, deterministic=False)[0]
+
+
+def _check_width(artifact: Artifact) -> None:
+    """Check that the file holds a network as wide as its configuration says, before one is made.
+
+    Raises:
+        ArtifactError: It does not.
+    """
+    config = artifact.config
+    layers, last = ("actor.latent_pi", "actor.mu") if config["learner"] == "sac" else LAYERS
+    hidden = config["hidden"]
+    wanted = {
+        f"{layers}.0.weight": (hidden, config["observation_size"]),
+        f"{layers}.2.weight": (hidden, hidden),
+        f"{last}.weight": (config["action_size"], hidden),
+    }
+    described = artifact.describe()
+    for name, shape in wanted.items():
+        found, _ = described.get(f"weights/{name}", ((), None))
+        if found != shape:
+            raise ArtifactError(
+                f"{artifact.path}: the weights do not fit the network in its configuration ({name} has shape {found}, "
+                f"expected {shape})"
+            )
+
+
+def check_fits(artifact: Artifact, task: Task, observation: np.ndarray) -> None:
+    """Check that a policy acts on observations like `observation` (n, D), with the actions of the task.
+
+    Raises:
+        ArtifactError: It was made for a task of other sizes.
+    """
+    found = artifact.config["observation_size"], artifact.config["action_size"]
+    wanted = observation.shape[1], task.action_size
+    if found != wanted:
+        raise ArtifactError(
+            f"{artifact.path}: a policy from {found[0]} observations to {found[1]} actions does not fit task "
+            f"{task.name}, which has {wanted[0]} and {wanted[1]}: make it again"
+        )
+
+
+def first_observation(task: Task, expert: bool = False) -> np.ndarray:
+    """What the policy (or the expert) observes first in some context (1, D)."""
+    from stages.simulation.batch import BatchSimulation
+    from stages.simulation.contexts import ContextDistribution
+
+    contexts = task.draw_contexts(np.random.default_rng(0), 1, ContextDistribution())
+    state = BatchSimulation(task, 1, 1).reset(*task.context_state(contexts))
+    return task.observe_expert(state, contexts) if expert else task.observe(state)
 
 
 class ControllerPolicy(Policy):

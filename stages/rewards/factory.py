@@ -101,6 +101,11 @@ def _translation(
     expert = config.reward == "video"
     target = TrackingTarget.of(source, config.blur, device, expert)
     model = load_translator(source.parent("translator", check=True), device)
+    if target.features.shape[1] != model.feature_size:
+        raise ArtifactError(
+            f"{source.path}: targets of {target.features.shape[1]} features do not fit the translator, which has "
+            f"{model.feature_size}: translate again"
+        )
     if config.learner == "gps":
         fine = TrackingTarget.of(source, config.fine_blur, device, expert) if config.fine_blur else None
         return _projected(config, task, source, contexts, pool(), model, (target, fine), ramp)

@@ -7,6 +7,7 @@ is installed.
 
 from __future__ import annotations
 
+import os
 import pickle
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -92,7 +93,7 @@ def _read(path: Path) -> dict[str, Tensor]:
     Raises:
         UsageError: The file is missing, or it does not contain a state_dict.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise UsageError(f"--weights {path}: no such file")
     try:
         state = torch.load(path, map_location="cpu", weights_only=True)

@@ -23,7 +23,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from artifacts import Artifact
+from artifacts import Artifact, ArtifactError
 from stages.translation.networks import Translator, to_images
 
 LEAST_MOTION = 0.003  # minimum scale for blurred images, relative to the scale without blur
@@ -61,12 +61,17 @@ class TrackingTarget:
             expert: Whether to track the expert's video in this context, as a perfect translation; the artifact must
                 contain it.
         """
-        features = torch.from_numpy(source["expert_features" if expert else "target_features"])
+        features = torch.from_numpy(np.asarray(source["expert_features" if expert else "target_features"], np.float32))
         if expert:
             images = to_images(torch.from_numpy(source["expert_frames"]))
         else:
-            images = torch.from_numpy(source["target_images"]).movedim(-1, 1) / 127.5 - 1
+            images = torch.from_numpy(np.asarray(source["target_images"], np.float32)).movedim(-1, 1) / 127.5 - 1
         scales = float(source["feature_scale"]), float(source["image_scale"])
+        if isinstance(source, Artifact) and not min(scales) > 0:
+            raise ArtifactError(
+                f"{source.path}: its demonstrations do not move (feature_scale {scales[0]:g}, image_scale "
+                f"{scales[1]:g}), so there is nothing to track: collect or import others"
+            )
         return cls(features.to(device), images.to(device), *scales, blur)
 
     @property

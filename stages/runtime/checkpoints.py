@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from artifacts import (
     Artifact,
+    ArtifactError,
     Interrupted,
     UsageError,
     checkpoint_path,
@@ -17,6 +19,7 @@ from artifacts import (
     remove_checkpoint,
     write_checkpoint,
 )
+from artifacts.paths import is_missing
 from stages.runtime.run import RunOptions
 
 
@@ -40,7 +43,7 @@ class Checkpoints:
         """
         if not self._run.resume:
             return None
-        if not self._path.exists():
+        if is_missing(self._path):
             self._run.progress.say(f"no checkpoint next to {self._out}: starting from the beginning")
             return None
         manifest, state = read_checkpoint(self._path, stage=self._stage)
@@ -57,6 +60,21 @@ class Checkpoints:
         self._others = None
         self._run.progress.say(f"resuming {self._out.name} from {self._path.name}")
         return state
+
+    @contextmanager
+    def restoring(self) -> Iterator[None]:
+        """Report what fails in the block, which restores a state, as the fault of the checkpoint.
+
+        Raises:
+            ArtifactError: The state is not one that the stage wrote.
+        """
+        try:
+            yield
+        except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
+            reason = " ".join(str(error).split())[:200]
+            raise ArtifactError(
+                f"{self._path} does not hold a state of {self._stage} ({reason}): start again without --resume"
+            ) from error
 
     def save(self, state: Any) -> None:
         """Write the checkpoint atomically; `state` is a tree of arrays and plain values."""
@@ -83,10 +101,15 @@ class Checkpoints:
         remove_checkpoint(self._out)
 
 
+def curve_of(state: Any) -> dict[str, list[float]]:
+    """Return a learning curve that a checkpoint holds: name -> values. Call it within `Checkpoints.restoring`."""
+    return {str(name): [float(value) for value in values] for name, values in state.items()}
+
+
 def _identity(path: Path) -> tuple[int, int] | None:
     """Return what distinguishes a file from one that replaces it; None: there is no file."""
     try:
         found = path.stat()
-    except FileNotFoundError:
+    except OSError:
         return None
     return found.st_ino, found.st_mtime_ns

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ from artifacts import (
     Artifact,
     ArtifactError,
     UsageError,
+    checkpoint_path,
     content_of,
     read_artifact,
     recipe_difference,
@@ -22,6 +24,7 @@ from artifacts import (
 )
 from stages.runtime.run import RunOptions, StageResult, full_config
 
+LONGEST_NAME = 255  # bytes, on the usual file systems
 MOST_NAMED = 4  # maximum number of differences that a message lists
 
 
@@ -69,7 +72,9 @@ class Output:
 
         Raises:
             ArtifactError: A parent cannot be read.
+            UsageError: The path cannot be used.
         """
+        check_name(path)
         recipe = recipe_of(stage, full_config(stage, config, run, **(extra or {})), run.seed, parents)
         unset = {item.name: item.default for item in dataclasses.fields(config)}
         return cls(path, kind, recipe, run, _identity(path), recipe_of(stage, unset, run.seed)["config"])
@@ -151,6 +156,16 @@ class Output:
         return StageResult(self.path, dict(summary))
 
 
+def check_name(path: Path) -> None:
+    """Refuse a path whose name is so long that the files beside it could not be written, before any work is done.
+
+    Raises:
+        UsageError: The name is too long.
+    """
+    if len(os.fsencode(checkpoint_path(path).name)) > LONGEST_NAME:
+        raise UsageError(f"the file name of {path} is too long: choose a shorter one with --out")
+
+
 def name_tags(config: Any, usual: Any, run: RunOptions, seed: int, preset: str) -> str:
     """Return the suffix of the default file name that distinguishes runs with different options.
 
@@ -180,7 +195,7 @@ def name_tags(config: Any, usual: Any, run: RunOptions, seed: int, preset: str) 
 def _identity(path: Path) -> tuple[int, int] | None:
     """Return what distinguishes a file from one that replaces it; None: there is no file."""
     try:
-        found = path.lstat()
+        found = path.stat()  # Of the file that a link leads to, which is the one that is replaced.
     except OSError:
         return None
     return found.st_ino, found.st_mtime_ns

@@ -22,7 +22,7 @@ def to_tree(value: Any) -> Any:
 def from_tree(value: Any) -> Any:
     """Replace every NumPy array in nested dicts, lists and tuples by a tensor."""
     if isinstance(value, np.ndarray):
-        return torch.from_numpy(np.array(value))
+        return torch.from_numpy(np.array(value, value.dtype.newbyteorder("=")))
     if isinstance(value, dict):
         return {key: from_tree(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

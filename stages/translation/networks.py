@@ -17,7 +17,10 @@ from torch.nn import functional as F
 
 from artifacts import Artifact, ArtifactError
 from stages.config.stages import ARCHITECTURES
+from stages.runtime.trees import from_tree
 from stages.translation.layers import LEAK, ConvEncoder, DropoutLinear, SkipConvTranspose2d, he_initialise, strided
+
+HEAD = "weights/dec_head.weight"  # dataset of a translator
 
 
 @dataclass
@@ -103,6 +106,12 @@ class PaperTranslator(Translator):
         mirrored = zip(inputs, self.CHANNELS[::-1], outputs, self.STRIDES[::-1], strict=True)
         self.dec = nn.ModuleList(SkipConvTranspose2d(a, s, b, 5, stride) for a, s, b, stride in mirrored)
         he_initialise(self)
+
+    @classmethod
+    def head_shape(cls, size: tuple[int, int]) -> tuple[int, int]:
+        """Shape of the weights of Dec's fully connected layer for frames of a height and width."""
+        height, width = strided(size, cls.STRIDES)[-1]
+        return cls.CHANNELS[-1] * height * width, cls.FEATURES
 
     def encode(self, images: Tensor) -> Tensor:
         return self.enc1_head(self.enc1(images)[-1].flatten(1))
@@ -202,6 +211,11 @@ class CompactTranslator(Translator):
             self.dec_fine.weight[:, colours + 1 :].mul_(0.1)
             cast(Tensor, self.dec_fine.bias)[0] = 2.0
 
+    @classmethod
+    def head_shape(cls, size: tuple[int, int]) -> tuple[int, int]:
+        """Shape of the weights of Dec's fully connected layer for frames of a height and width."""
+        return 128 * ((size[0] // 4 + 1) // 2) * ((size[1] // 4 + 1) // 2), 2 * 256
+
     def _activations(self, images: Tensor) -> list[Tensor]:
         fine = F.leaky_relu(self.fine(images), LEAK)
         return [fine, F.leaky_relu(self.coarse(fine), LEAK)]
@@ -237,6 +251,13 @@ class CompactTranslator(Translator):
         return (kept + painted + x[:, :, self.colours + 1 :]).flatten(0, 1)
 
 
+NETWORKS: dict[str, type[PaperTranslator] | type[CompactTranslator]] = {
+    "compact": CompactTranslator,
+    "paper": PaperTranslator,
+    "real": RealTranslator,
+}
+
+
 def make_translator(arch: str, size: tuple[int, int]) -> Translator:
     """Make a newly initialized translator.
 
@@ -249,12 +270,7 @@ def make_translator(arch: str, size: tuple[int, int]) -> Translator:
     """
     if size[0] % 4 or size[1] % 4:
         raise ArtifactError(f"frames of {size[1]}x{size[0]} pixels: expected width and height to be multiples of 4")
-    networks: dict[str, type[PaperTranslator] | type[CompactTranslator]] = {
-        "compact": CompactTranslator,
-        "paper": PaperTranslator,
-        "real": RealTranslator,
-    }
-    return networks[arch](size)
+    return NETWORKS[arch](size)
 
 
 def load_translator(artifact: Artifact, device: str = "cpu") -> Translator:
@@ -264,14 +280,21 @@ def load_translator(artifact: Artifact, device: str = "cpu") -> Translator:
         ArtifactError: The architecture is unknown, or the weights do not fit it.
     """
     arch, size = artifact.config["arch"], artifact.config["size"]
-    if arch not in ARCHITECTURES or not size:
+    if arch not in ARCHITECTURES:
         known = ", ".join(ARCHITECTURES)
         raise ArtifactError(f"{artifact.path}: unknown architecture {arch!r}, expected one of {known}")
+    # The size decides how large the network is: the file must hold such a network before one is made.
+    wanted, (found, _) = NETWORKS[arch].head_shape(tuple(size)), artifact.describe().get(HEAD, ((), None))
+    if found != wanted:
+        raise ArtifactError(
+            f"{artifact.path}: the weights do not fit architecture {arch} for frames of {size[1]}x{size[0]} pixels "
+            f"({HEAD} has shape {found}, expected {wanted})"
+        )
     with torch.random.fork_rng(devices=[]):
         model = make_translator(arch, tuple(size))
     try:
-        model.load_state_dict({name: torch.from_numpy(value) for name, value in artifact.group("weights").items()})
-    except RuntimeError as error:
+        model.load_state_dict(from_tree(artifact.group("weights")))
+    except (RuntimeError, TypeError) as error:
         reason = " ".join(str(error).split())
         raise ArtifactError(f"{artifact.path}: the weights do not fit architecture {arch} ({reason})") from error
     return model.to(device).eval().requires_grad_(False)

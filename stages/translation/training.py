@@ -16,7 +16,7 @@ from torch import Tensor
 
 from artifacts import UsageError, sibling
 from stages.config.stages import LOSSES, TranslatorConfig
-from stages.runtime.checkpoints import Checkpoints
+from stages.runtime.checkpoints import Checkpoints, curve_of
 from stages.runtime.processes import Processes
 from stages.runtime.run import RunOptions
 from stages.runtime.seeding import generator, integer
@@ -214,11 +214,17 @@ class TranslatorTraining:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Restore a state returned by `state`, bit for bit."""
-        self.step = state["step"]
-        self._index = state.get("index")
+        self.step = range(self.config.steps)[state["step"]]
+        self._index = None if state.get("index") is None else self._checked_index(state["index"])
         self.model.load_state_dict(from_tree(state["model"]))
         self.average.load_state_dict(from_tree(state["average"]))
         self.optimiser.load_state_dict(from_tree(state["optimiser"]))
+
+    def _checked_index(self, index: np.ndarray) -> np.ndarray:
+        count, length = self._frames.shape[:2]
+        if index.shape != (count, length) or index.dtype.kind != "i" or not 0 <= index.min() <= index.max() < length:
+            raise ValueError("its frame indices do not fit the videos")
+        return index
 
 
 def on_gpu(frames: Tensor, device: str) -> Tensor:
@@ -261,8 +267,9 @@ def train(
     curve: dict[str, list[float]] = {}
     before, since = 0.0, time.monotonic()
     if (state := checkpoints.start()) is not None:
-        training.restore(state["training"])
-        curve, before = state["curve"], state["seconds"]
+        with checkpoints.restoring():
+            training.restore(state["training"])
+            curve, before = curve_of(state["curve"]), float(state["seconds"])
     main = run.processes.main
     run.processes.ready(training.step)
     held = {name: values[-1] for name, values in curve.items() if name.startswith("held_out/")}

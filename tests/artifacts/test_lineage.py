@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from artifacts import ancestors, lineage, read_artifact, write_artifact
+from artifacts import Parent, ancestors, lineage, read_artifact, verify_artifact, write_artifact
+from tests.artifacts.forging import forge
 from tests.artifacts.samples import OLD_FILES, PROVENANCE, demos_arrays
 
 
@@ -65,3 +67,29 @@ def test_of_a_large_old_file_the_date_tells(tmp_path, monkeypatch):
     monkeypatch.setattr("artifacts.writing._now", lambda: "2999-01-01T00:00:00+00:00")
     write_artifact(tmp_path / OLD_FILES["expert"].name, "expert", {"weights/a": np.zeros(2)}, **PROVENANCE)
     assert states(demos, check=True) == [(1, "expert", "changed")]
+
+
+def test_a_tree_of_equal_parents_is_walked_once(tmp_path, demos):
+    """Ten parents in each of eight generations are a hundred million paths."""
+    above = demos
+    for generation in range(8):
+        path = tmp_path / f"{generation}.demos.h5"
+        write_artifact(path, "demos", demos_arrays(), **PROVENANCE, parents=[above] * 10)
+        above = path
+    assert len(states(above, check=True)) == 80
+    assert verify_artifact(above).parents == 10
+
+
+def test_a_file_may_claim_to_be_its_own_parent(tmp_path, demos):
+    own = {"kind": "demos", "path": "forged.demos.h5", "content": "c"}
+    path = forge(demos, tmp_path / "forged.demos.h5", attributes={"content": "c"}, parents=[own])
+    assert states(path, check=True) == [(1, "demos", "present"), (2, "demos", "present")]
+
+
+def test_a_long_line_of_ancestors(tmp_path, monkeypatch):
+    def generation(k):
+        parents = [Parent(kind="demos", path=f"{k + 1}.demos.h5")] if k < 3000 else []
+        return SimpleNamespace(path=tmp_path / f"{k}.demos.h5", manifest=SimpleNamespace(parents=parents))
+
+    monkeypatch.setattr(lineage, "_opened", lambda path: generation(int(path.name.split(".")[0])))
+    assert sum(1 for _ in ancestors(generation(0))) == 3000

@@ -75,6 +75,12 @@ class Start:
             "foretold": list(search.foretold or ()),
         }
 
+    @property
+    def shapes(self) -> list[tuple[int, ...]]:
+        """Shapes of the controllers' arrays."""
+        controllers = (self.search.controller, self.own, self.next)
+        return [array.shape for controller in controllers for array in controller.arrays().values()]
+
     @classmethod
     def of(cls, state: dict[str, Any]) -> Start:
         """The search and results described by `state`."""
@@ -246,10 +252,13 @@ class GuidedPolicySearch:
         """Restore a state returned by `state`, bit for bit."""
         if 0 < self._refined < state["iterations"]:
             self._track_finer()
-        self._starts = [Start.of(start) for start in state["starts"]]
-        self._iterations, self.num_timesteps = state["iterations"], state["samples"]
+        starts = [Start.of(start) for start in state["starts"]]
+        if [start.shapes for start in starts] != [start.shapes for start in self._starts]:
+            raise ValueError("its controllers have other sizes")
+        self._starts = starts
+        self._iterations, self.num_timesteps = int(state["iterations"]), int(state["samples"])
         if self._iterations:
-            self.env.episode = state["episode"] - 1  # The current episode was drawn before; draw it again.
+            self.env.episode = int(state["episode"]) - 1  # The current episode was drawn before; draw it again.
             self.env.reset()
             self._fresh = True
 
