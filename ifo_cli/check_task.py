@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import sys
+import os
 from pathlib import Path
 
 import typer
@@ -12,8 +12,9 @@ from artifacts.errors import UsageError
 from ifo_cli.options import Given, TaskArgument, stage_command
 from ifo_cli.runner import make_folder
 from ifo_cli.settling import read_file, settle
-from ifo_cli.streams import emit, stdout_to_stderr
+from ifo_cli.streams import emit, emit_path, stdout_to_stderr
 from stages.config.task_names import check_task_name
+from stages.runtime.terminal import say
 
 EXAMPLES = (
     "ifo check-task my_tasks:Lift",
@@ -32,7 +33,7 @@ def check_task(task: TaskArgument, given: Given) -> None:
     settle(given, read_file(given))  # Refuses options that make no sense.
     check_task_name(task)
     seed, out = given.get("seed"), given.get("out")
-    if out is not None and (out.suffix != ".png" or out.is_dir()):
+    if out is not None and (out.suffix != ".png" or os.path.isdir(out)):
         raise UsageError(f"--out {out}: expected a file name ending in .png")
     with stdout_to_stderr():
         from artifacts import contact_sheet, write_png
@@ -50,13 +51,13 @@ def check_task(task: TaskArgument, given: Given) -> None:
             make_folder(sheet)
             write_png(sheet, contact_sheet(report.frames[:, None], n=SHOWN, moments=1))
     for problem in report.problems:
-        print(f"ifo: task {task}: {problem}", file=sys.stderr, flush=True)
+        say(f"ifo: task {task}: {problem}")
     if given.get("json"):
         kept = {"promises": list(report.promises), "problems": list(report.problems)}
         emit(json.dumps({"path": sheet and str(sheet), "kind": "check", "task": task, **kept}))
     elif sheet and not report.problems:
-        emit(str(sheet))
+        emit_path(sheet)
     elif sheet:
-        print(f"contact sheet: {sheet}", file=sys.stderr, flush=True)
+        say(f"contact sheet: {sheet}")
     if report.problems:
         raise typer.Exit(BROKEN)

@@ -13,6 +13,7 @@ import typer
 
 from ifo_cli.options import Given, stage_command
 from ifo_cli.streams import emit, inputs_or_stdin, plain
+from stages.runtime.terminal import one_line
 
 if TYPE_CHECKING:
     from artifacts import Artifact
@@ -111,15 +112,14 @@ def _lineage(artifact: Artifact) -> Iterator[dict[str, Any]]:
 
 
 def _as_text(report: dict[str, Any]) -> str:
-    """Format the report as tables; in color only if standard output is a terminal."""
+    """Format the report as tables."""
     from io import StringIO
 
     from rich.console import Console
     from rich.table import Table
 
-    terminal = sys.stdout is not None and sys.stdout.isatty()
-    width = None if terminal else _width(report)
-    console = Console(file=StringIO(), width=width, force_terminal=terminal, highlight=False, emoji=False)
+    width = None if sys.stdout.isatty() else _width(report)
+    console = Console(file=StringIO(), width=width, highlight=False, emoji=False)
 
     def table(title: str, rows: Sequence[tuple[str, ...]], heads: tuple[str, ...] = ()) -> None:
         shown = Table(title=title, title_justify="left", show_header=bool(heads), box=None, pad_edge=False)
@@ -127,7 +127,7 @@ def _as_text(report: dict[str, Any]) -> str:
             numeric = head in ("size",)
             shown.add_column(head if heads else "", overflow="fold", justify="right" if numeric else "left")
         for row in rows:
-            shown.add_row(*row)
+            shown.add_row(*map(one_line, row))
         console.print(shown, markup=False)
         console.print()
 

@@ -32,8 +32,9 @@ from ifo_cli import (
     verify,
 )
 from ifo_cli.options import PRESET_NOTE
-from ifo_cli.streams import abandon_stdout
+from ifo_cli.streams import standard_streams
 from stages.runtime.interrupts import killable
+from stages.runtime.terminal import say
 
 INTERRUPTED = 130
 BUG = 1
@@ -121,26 +122,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # OpenMP threads that spin while they wait make everything ten times slower as soon as another process, such as a
     # render process, needs their core. torch reads this variable when it is imported, so it is set here.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    try:
-        # Processes launched together may be blocked waiting for each other; only the default handler ends them then.
-        with nullcontext() if "WORLD_SIZE" in os.environ else killable():
-            code = _run(words)
-        if sys.stdout is not None:
-            sys.stdout.flush()
-    except BrokenPipeError:
-        abandon_stdout()
-        return 0
-    return code
+    # Processes launched together may be blocked waiting for each other; only the default handler ends them then.
+    with standard_streams(), nullcontext() if "WORLD_SIZE" in os.environ else killable():
+        return _run(words)
 
 
 def _run(words: list[str]) -> int:
     try:
         command = typer.main.get_command(app)
         code = command.main(words, prog_name="ifo", standalone_mode=False, obj=words)
-    except SystemExit as error:
-        if isinstance(error.__context__, BrokenPipeError):  # Printing help ends like this if its reader has exited.
-            raise BrokenPipeError from error
-        raise
+        sys.stdout.flush()
     except typer.TyperException as error:
         from stages.runtime.processes import is_main
 
@@ -149,21 +140,19 @@ def _run(words: list[str]) -> int:
         message = _tidied(error.format_message())
         if message and words:
             help_command = shlex.join(["ifo", *_command_of(words), "--help"])
-            _say(f"ifo: {message.rstrip('.')} (see {help_command})")
+            say(f"ifo: {message.rstrip('.')} (see {help_command})")
         return error.exit_code
     except IfoError as error:
-        _say(f"ifo: {error}")
+        say(f"ifo: {error}")
         return error.exit_code
     except KeyboardInterrupt:
         code = INTERRUPTED
-    except BrokenPipeError:
-        raise
     except Exception:
         traceback.print_exc()
-        _say("ifo: this is a bug in ifo: please report it, with the lines above and the command")
+        say("ifo: this is a bug in ifo: please report it, with the lines above and the command")
         return BUG
     if code == INTERRUPTED:
-        _say("ifo: interrupted")
+        say("ifo: interrupted")
     return code if isinstance(code, int) else 0
 
 
@@ -177,10 +166,6 @@ def _tidied(message: str) -> str:
 def _command_of(words: list[str]) -> list[str]:
     names = {command.name for command in app.registered_commands}
     return [words[0]] if words[0] in names else []
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

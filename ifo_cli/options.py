@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import inspect
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
@@ -13,6 +14,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import typer
 
+from artifacts.errors import PlatformError
 from ifo_cli.completion import complete_list
 from stages.config.commands import COMMANDS
 from stages.config.presets import DEFAULT_PRESET, PRESETS
@@ -145,6 +147,10 @@ def stage_command(name: str) -> Callable[[Function], Function]:
 
         @functools.wraps(function)
         def wrapper(**values: Any) -> None:
+            try:
+                os.getcwd()
+            except OSError as error:
+                raise PlatformError(f"the working folder is gone ({error.strerror}): change to another one") from error
             given = Given(
                 name,
                 config={key: _plain(values[key]) for key in own if values[key] is not None},

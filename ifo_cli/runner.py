@@ -14,7 +14,7 @@ from artifacts.errors import ArtifactError, IfoError, PlatformError, UsageError
 from artifacts.pipeline import STAGE_FILES
 from ifo_cli.options import Given
 from ifo_cli.settling import Settled, check_at_once, read_file, settle, show
-from ifo_cli.streams import emit, inputs_or_stdin, plain, stdout_to_stderr
+from ifo_cli.streams import emit, emit_path, inputs_or_stdin, plain, stdout_to_stderr
 from stages.config.task_names import check_task_name, permission_needed
 from stages.config.toml import Table
 
@@ -179,7 +179,7 @@ def emit_result(given: Given, result: StageResult, kind: str) -> None:
     if given.get("json"):
         emit(json.dumps({"path": str(result.path), "kind": kind, **plain(result.summary)}))
     else:
-        emit(str(result.path))
+        emit_path(result.path)
 
 
 def settled_alone(given: Given) -> Settled | None:

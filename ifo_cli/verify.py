@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -13,6 +12,7 @@ import typer
 from artifacts.errors import ArtifactError
 from ifo_cli.options import Given, stage_command
 from ifo_cli.streams import emit, inputs_or_stdin
+from stages.runtime.terminal import say
 
 EXAMPLES = (
     "ifo verify runs",
@@ -44,7 +44,7 @@ def verify(
             report = verify_artifact(path)
         except ArtifactError as error:
             bad = error.exit_code
-            print(f"ifo: {error}", file=sys.stderr, flush=True)
+            say(f"ifo: {error}")
         else:
             counts = f"{_count(report.datasets, 'dataset')}, {_count(report.parents, 'parent')}"
             emit(f"ok {path} ({report.kind}, {counts})")
@@ -72,11 +72,7 @@ def _named(inputs: Sequence[Path]) -> Iterator[Path]:
                     f"{given}: contains no artifacts: expected files named NAME.KIND.h5 in it or below it"
                 )
             if others := len(found) - len(inside):
-                print(
-                    f"ifo: {given}: {_count(others, 'more .h5 file')} skipped (not named NAME.KIND.h5)",
-                    file=sys.stderr,
-                    flush=True,
-                )
+                say(f"ifo: {given}: {_count(others, 'more .h5 file')} skipped (not named NAME.KIND.h5)")
         for path in inside:
             if real(path) not in seen:
                 seen.add(real(path))

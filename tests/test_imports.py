@@ -155,6 +155,7 @@ def test_commands_import_nothing_heavy_when_they_are_loaded():
     """At module level a command may import typer, rich, and what is light of ours, all of `stages.config` among it."""
     light = {
         "stages.runtime.interrupts",
+        "stages.runtime.terminal",
         "artifacts.errors",
         "artifacts.pipeline",
         "stages.config.stages",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -23,6 +24,8 @@ def read_crops(path: Path, sources: Sequence[Source]) -> tuple[list[Crop], list[
     Raises:
         ArtifactError: The file cannot be read, or a video has no row or more than one.
     """
+    if os.path.exists(path) and not os.path.isfile(path):
+        raise ArtifactError(f"{path}: is not a regular file: expected a CSV of crops")
     rows: dict[str, Crop] = {}
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
@@ -41,8 +44,8 @@ def read_crops(path: Path, sources: Sequence[Source]) -> tuple[list[Crop], list[
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}): expected a CSV of crops") from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise ArtifactError(f"{path}: is not a UTF-8 CSV file: expected a CSV of crops") from error
-    places = {(path.parent / name).resolve(): name for name in rows}
-    names = [places.get(source.path.resolve(), source.path.name) for source in sources]
+    places = {os.path.realpath(path.parent / name): name for name in rows}
+    names = [places.get(os.path.realpath(source.path), source.path.name) for source in sources]
     absent = list({str(source.path): None for source, name in zip(sources, names, strict=True) if name not in rows})
     if absent:
         others = f", nor for {len(absent) - 1} others" if len(absent) > 1 else ""

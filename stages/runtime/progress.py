@@ -5,8 +5,10 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Any
+
+from stages.runtime.terminal import say
 
 PLAIN_INTERVAL = 15.0  # seconds between two plain lines
 
@@ -20,14 +22,14 @@ class Progress:
     def say(self, text: str) -> None:
         """Print one line for the user."""
         if not self._quiet:
-            _print_line(text)
+            say(text)
 
     @contextmanager
     def bar(self, description: str, total: int, unit: str, done: int = 0) -> Iterator[Bar]:
         """Show the progress of `total` units during the block; an interrupted run has done the first `done` units."""
         if self._quiet:
             yield Bar()
-        elif sys.stderr.isatty():
+        elif sys.stderr is not None and sys.stderr.isatty():
             with _rich_bar(description, total, unit, done) as bar:
                 yield bar
         else:
@@ -57,11 +59,11 @@ class _PlainBar(Bar):
         self._line = f"{self._description}: {done}/{self._total} {self._unit}, {rate:.1f}/s{left}{_format(figures)}"
         if now - self._last >= PLAIN_INTERVAL:
             self._last, self._printed = now, self._line
-            _print_line(self._line)
+            say(self._line)
 
     def finish(self) -> None:
         if self._line != self._printed:
-            _print_line(self._line)
+            say(self._line)
 
 
 class _Rate:
@@ -72,11 +74,6 @@ class _Rate:
 
     def __call__(self, done: int) -> float:
         return max(done - self._before, 0) / max(time.monotonic() - self._start, 1e-9)
-
-
-def _print_line(text: str) -> None:
-    with suppress(OSError):  # The work continues even if nobody reads standard error any more.
-        print(text, file=sys.stderr, flush=True)
 
 
 def _format(figures: dict[str, Any]) -> str:

@@ -1,5 +1,8 @@
 """Crops: how they are named, in files and on the command line, and what they take of a picture."""
 
+import os
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -126,3 +129,16 @@ def test_pictures_are_reduced_by_area_and_enlarged_linearly():
             reduced(picture, Crop(10, 4, 24, 16), size), cv2.resize(part, size[::-1], interpolation=cv2.INTER_LINEAR)
         )
     np.testing.assert_array_equal(reduced(picture, Crop(10, 4, 24, 16), (16, 24)), part)
+
+
+def test_what_is_no_file_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "crops.csv")
+    for path in (tmp_path / "crops.csv", Path("/dev/zero"), tmp_path):
+        with pytest.raises(ArtifactError, match="is not a regular file"):
+            read_crops(path, [])
+
+
+def test_a_row_that_is_a_link_to_itself_matches_no_video(table, tmp_path):
+    (tmp_path / "loop.mp4").symlink_to("loop.mp4")
+    crops, others = table(HEAD, "a.mp4,1,2,3,4", "loop.mp4,1,1,1,1", f"{'x' * 300}.mp4,1,1,1,1", only=[0])
+    assert crops == [(1, 2, 3, 4)] and others == ["loop.mp4", f"{'x' * 300}.mp4"]
