@@ -17,6 +17,7 @@ EPISODES = "meta/episodes"
 DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 INDICES = ("chunk_index", "file_index")
+MOST_PARTS = 32  # of a path
 FIELD = re.compile(r"\{(\w+)(?::0?(\d{1,2})d)?\}")
 
 
@@ -90,6 +91,6 @@ class Template:
 
         relative = Path(FIELD.sub(fill, self.text))
         unsafe = "{" in str(relative) or relative.is_absolute() or ".." in relative.parts
-        if unsafe or not relative.parts or not all(is_plain(part) for part in relative.parts):
+        if unsafe or not 0 < len(relative.parts) <= MOST_PARTS or not all(is_plain(part) for part in relative.parts):
             raise ArtifactError(problem)
         return relative
