@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -112,7 +113,7 @@ def _free(out: Path | None, demos: Path, name: str) -> Path:
     if (name == "robomimic") != (out.suffix in FILE_SUFFIXES):
         wanted = f"a file name ending in {FILE_SUFFIXES[0]}" if name == "robomimic" else "the name of a folder"
         raise UsageError(f"--out {out}: expected {wanted}")
-    if out.exists() or out.is_symlink():
+    if os.path.lexists(out):  # Unlike Path.exists, it never raises.
         raise UsageError(f"{out}: already exists: remove it, or choose another name with --out")
     return out
 

@@ -81,18 +81,19 @@ def test_files_that_never_end(data_set, harm, name):
 VALUES = [None, [], {}, "x", 5, -1, 1.5, True, float("nan"), float("inf"), 10**400, "9" * 5000, "\0", {"dtype": []}]
 
 
-@pytest.mark.parametrize("value", VALUES, ids=lambda value: str(value)[:9].replace("\0", "NUL"))
-@pytest.mark.parametrize(
-    "key", ["codebase_version", "features", FRONT, "dtype", "shape", "info", "fps", "video_path", "data_path"]
-)
-def test_info_of_any_type(data_set, key, value):
-    path = data_set()
-    info = json.loads((path / INFO).read_text())
-    holder = {FRONT: info["features"], "dtype": info["features"][FRONT], "shape": info["features"][FRONT]}
-    holder["info"] = info["features"][FRONT]
-    holder.get(key, info)[key] = value
-    (path / INFO).write_text(json.dumps(info))
-    assert all("\n" not in line and "\0" not in line and len(line) < 600 for line in refusals(path))
+KEYS = ["codebase_version", "features", FRONT, "dtype", "shape", "info", "fps", "video_path", "data_path"]
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_info_of_any_type(data_set, key):
+    path = data_set(video=False)
+    text = (path / INFO).read_text()
+    for value in VALUES:
+        info = json.loads(text)
+        feature = info["features"][FRONT]
+        {FRONT: info["features"], "dtype": feature, "shape": feature, "info": feature}.get(key, info)[key] = value
+        (path / INFO).write_text(json.dumps(info))
+        assert all(line.isprintable() and len(line) < 600 for line in refusals(path)), value
 
 
 @pytest.mark.parametrize(
@@ -129,7 +130,7 @@ def test_cameras_of_any_name(data_set, name):
     assert said.isprintable() and len(said) < 600
 
 
-@pytest.mark.parametrize("value", [None, -1, 2**62, float("nan"), float("inf"), -0.5, 1e300, "x", [1]], ids=str)
+@pytest.mark.parametrize("value", [None, -1, 2**62, float("nan"), 1e300, "x", [1]], ids=str)
 @pytest.mark.parametrize("video", [True, False])
 def test_episodes_of_any_number(data_set, video, value):
     path = data_set(video)
