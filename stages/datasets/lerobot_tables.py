@@ -66,6 +66,7 @@ class Tables:
         """
         self._template = template
         self._cached: tuple[Path, dict[str, np.ndarray]] | None = None
+        self._paths: tuple[Path, list[str | None]] | None = None
         self._all: list[Path] | None = None
         self._holders: dict[int, list[Path]] = {}
         self._starts = {float(total)}  # Indices that follow the last row of a table.
@@ -109,6 +110,12 @@ class Tables:
         if self._cached is None or self._cached[0] != file:
             self._cached = file, parquet.columns(file, NUMBERS, OPTIONAL)
         return self._cached[1]
+
+    def paths(self, file: Path, camera: str) -> list[str | None]:
+        """See `parquet.paths`. Those of the last table are cached."""
+        if self._paths is None or self._paths[0] != file:
+            self._paths = file, parquet.paths(file, camera)
+        return self._paths[1]
 
     def _collect(self, one: Listed, files: list[Path]) -> Rows | None:
         found: list[tuple[int, np.ndarray, dict[str, np.ndarray]]] = []
@@ -236,8 +243,8 @@ def picture_files(path: Path, tables: Tables, one: Listed, camera: str) -> list[
     try:
         rows = tables.rows_of(one)
         for k in np.unique(rows.table):
-            names = parquet.paths(rows.files[k], camera)
-            for row in rows.row[rows.table == k]:
+            names = tables.paths(rows.files[k], camera)
+            for row in rows.row[rows.table == k] if names else ():
                 name = names[row]
                 file = None if name is None else picture_file(path, one, camera, name)
                 if file is not None:

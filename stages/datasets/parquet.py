@@ -115,22 +115,30 @@ def rows(path: Path, column: str, wanted: np.ndarray) -> Iterator[Any]:
 
 
 def paths(path: Path, column: str) -> list[str | None]:
-    """The paths in a column of images, row by row; None where there is none.
+    """The paths in a column of images, row by row; None where there is none. Empty if all images are in the table.
 
     Raises:
         ArtifactError: The file is damaged, or the column does not hold images.
     """
     with opened(path) as file:
-        parts = [part for part in _parts_of_images(file, path, column) if not part.endswith(".bytes")]
-        if not parts or arrow().types.is_binary(file.schema_arrow.field(column).type):
-            return [None] * file.metadata.num_rows
+        parts = _parts_of_images(file, path, column)
+        if _all_there(file, f"{column}.bytes" if len(parts) > 1 else ""):
+            return []
         found: list[str | None] = []
-        for batch in file.iter_batches(PATHS_AT_A_TIME, columns=parts):
-            for value in batch.column(0):
-                path_of = value.as_py()
-                path_of = path_of.get("path") if isinstance(path_of, dict) else path_of
-                found.append(path_of if isinstance(path_of, str) else None)
+        for batch in file.iter_batches(PATHS_AT_A_TIME, columns=parts[-1:]):
+            for value in batch.column(0).to_pylist():
+                name = value.get("path") if isinstance(value, dict) else value
+                found.append(name if isinstance(name, str) else None)
         return found
+
+
+def _all_there(file: Any, part: str) -> bool:
+    """Whether the statistics of a column say that no value is missing."""
+    metadata = file.metadata
+    groups = [metadata.row_group(k) for k in range(file.num_row_groups)]
+    chunks = [group.column(k) for group in groups for k in range(group.num_columns)]
+    statistics = [chunk.statistics for chunk in chunks if chunk.path_in_schema == part]
+    return bool(statistics) and all(each is not None and each.null_count == 0 for each in statistics)
 
 
 def _parts_of_images(file: Any, path: Path, column: str) -> list[str]:

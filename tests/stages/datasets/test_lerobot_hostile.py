@@ -13,9 +13,12 @@ import pyarrow
 import pyarrow.parquet
 import pytest
 
-from artifacts import ArtifactError
+from artifacts import ArtifactError, PlatformError
+from stages.config.demonstrations import ImportConfig
 from stages.datasets import parquet
 from stages.datasets.finding import find_episodes
+from stages.import_demos import Importer, _remarks, _room_for
+from stages.runtime.run import RunOptions
 from tests.stages.datasets.foreign import FRONT, edit_episodes, edit_info, lerobot
 
 INFO, EPISODES = "meta/info.json", "meta/episodes/chunk-000/file-000.parquet"
@@ -199,3 +202,25 @@ def test_equal_images_are_not_all_in_memory(tmp_path, monkeypatch):
     with parquet.opened(file) as opened:
         assert parquet._batch(opened, file, "x", 0) == 2
     assert [len(value) for value in parquet.rows(file, "x", np.array([0, 7, 19]))] == [400_000] * 3
+
+
+def test_more_episodes_than_fit_in_memory():
+    for count in (10**9, 10**18):
+        with pytest.raises(PlatformError, match=f"{count} videos of 25 frames do not fit in memory"):
+            _room_for((count, 25, 480, 640, 3))
+
+
+def test_not_every_one_of_many_reasons_is_printed(capfd):
+    run = RunOptions()
+    importer = Importer(ImportConfig(), run)
+    for k in range(5000):
+        importer._skip(f"episode {k}", ArtifactError(f"episode {k}: is damaged"))
+    assert capfd.readouterr().err.count("skipped episode") == 100 and len(importer.skipped) == 5000
+    assert "skipped more videos for 4900 other reasons, which the artifact lists" in _remarks(importer, [])
+
+
+def test_paths_are_not_looked_for_where_all_images_are_in_the_table(data_set):
+    path = data_set(video=False)
+    assert parquet.paths(path / TABLE, FRONT) == []
+    episode = find_episodes(path, "")[0]
+    assert len(episode.files) == 1
