@@ -13,7 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from artifacts import ArtifactError, UsageError, default_path, sha256_of, sibling, write_overview, write_png
+from artifacts import (
+    ArtifactError,
+    PlatformError,
+    UsageError,
+    default_path,
+    sha256_of,
+    sibling,
+    write_overview,
+    write_png,
+)
 from stages.config.demonstrations import Crop, ImportConfig, parse_crop, parse_size
 from stages.config.presets import DEFAULT_PRESET
 from stages.datasets.finding import find_episodes
@@ -29,6 +38,7 @@ from stages.translation.training import FEWEST
 
 PREVIEWED = 200  # maximum number of videos in a preview
 NAMED = 3  # videos that a note lists by name
+REASONS = 100  # different reasons for skipping a video that are printed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,7 +165,8 @@ class Importer:
     def _skip(self, label: str, error: ArtifactError) -> None:
         if self._config.strict:
             raise ArtifactError(f"{error} (--strict: nothing was written)") from error
-        if str(error) not in self.reasons:  # A fault in a dataset file affects every episode in it.
+        # A fault in a dataset file affects every episode in it.
+        if str(error) not in self.reasons and len(self.reasons) < REASONS:
             self._run.progress.say(f"skipped {error}")
         self.reasons[str(error)].append(label)
         self.skipped.append({"name": _name(label), "reason": str(error)})
@@ -204,7 +215,7 @@ def import_demos(paths: Sequence[Path], config: ImportConfig, run: RunOptions, p
         return kept
     _compare_with_task(config, importer.size, run)
     height, width = importer.size
-    videos = np.empty((len(sources), config.frames, height, width, 3), np.uint8)
+    videos = _room_for((len(sources), config.frames, height, width, 3))
     times: list[np.ndarray] = []
     records: list[dict[str, Any]] = []
     at_once = not all(source.part for source in sources)
@@ -229,6 +240,15 @@ def import_demos(paths: Sequence[Path], config: ImportConfig, run: RunOptions, p
         summary=summary | pictures,
         environment=environment() | {name: metadata.version(name) for name in ("av", "opencv-python-headless")},
     )
+
+
+def _room_for(shape: tuple[int, ...]) -> np.ndarray:
+    try:
+        return np.empty(shape, np.uint8)
+    except (MemoryError, ValueError) as error:  # NumPy raises ValueError for more than an address can be.
+        raise PlatformError(
+            f"{shape[0]} videos of {shape[1]} frames do not fit in memory: import fewer, or choose a smaller --size"
+        ) from error
 
 
 def _compare_with_task(config: ImportConfig, size: tuple[int, int], run: RunOptions) -> None:
@@ -287,7 +307,9 @@ def _remarks(importer: Importer, records: Sequence[dict[str, Any]]) -> Iterator[
     """Yield lines about what was imported."""
     for note, names in importer.notes.items():
         yield f"{note} ({len(names)} of {len(records)} videos: {_some(names)})"
-    for names in importer.reasons.values():
+    if len(importer.reasons) > REASONS:
+        yield f"skipped more videos for {len(importer.reasons) - REASONS} other reasons, which the artifact lists"
+    for names in list(importer.reasons.values())[:REASONS]:
         if len(names) > 1:
             yield f"skipped {len(names) - 1} more for the same reason as {names[0]}"
     same: dict[str, list[str]] = defaultdict(list)

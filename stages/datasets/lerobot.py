@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import re
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,59 +14,20 @@ import numpy as np
 
 from artifacts import ArtifactError
 from stages.datasets import parquet
-from stages.datasets.episode import Episode, check_is_there, choose_camera
-from stages.datasets.frames import StoredFrames, from_bytes, times_of
-from stages.datasets.window import VideoWindow
+from stages.datasets.episode import Episode, brief, check_is_there, choose_camera, is_plain
+from stages.datasets.lerobot_paths import DATA_PATH, EPISODES, INFO, VIDEO_PATH, Listed, Template
+from stages.datasets.lerobot_tables import Tables, picture_files, stored_frames
+from stages.datasets.lerobot_videos import Videos
 from stages.footage.footage import Footage
 from stages.footage.sources import natural_order
-from stages.footage.video import VideoFile
 
 MAJOR = 3
-INFO = "meta/info.json"
-EPISODES = "meta/episodes"
-DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
-VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
-MOST_BYTES = 64 * 2**20  # maximum size of info.json
-FIELD = re.compile(r"\{(\w+)(?::0?(\d{1,2})d)?\}")
+MOST_BYTES = 8 * 2**20  # maximum size of info.json
+LARGEST_NUMBER = 2**53  # of an episode, a file or a row
 CONVERTER = "python -m lerobot.scripts.convert_dataset_v21_to_v30"
-
-
-@dataclass
-class LeRobotSet:
-    """Metadata of a dataset.
-
-    Attributes:
-        path: The dataset's folder.
-        fps: Frames per second; 0 if not recorded.
-        camera: The camera to import.
-        as_video: Whether images are stored in videos rather than in the tables.
-        template: Path of the image files relative to the folder, with fields in braces.
-        notes: Remarks for the user.
-        digests: See `Episode`.
-    """
-
-    path: Path
-    fps: float
-    camera: str
-    as_video: bool
-    template: str
-    notes: list[str] = field(default_factory=list)
-    digests: dict[Path, str] = field(default_factory=dict)
-    _video: tuple[Path, VideoFile] | None = None
-
-    def columns(self) -> list[str]:
-        """The columns of meta/episodes that locate an episode: chunk and file, beginning and end."""
-        if self.as_video:
-            kinds = ("chunk_index", "file_index", "from_timestamp", "to_timestamp")
-            return [f"videos/{self.camera}/{kind}" for kind in kinds]
-        return ["data/chunk_index", "data/file_index", "dataset_from_index", "dataset_to_index"]
-
-    def video(self, path: Path) -> VideoFile:
-        """The opened video file. The last one is cached because consecutive episodes share a file."""
-        if self._video is None or self._video[0] != path:
-            check_is_there(path)
-            self._video = path, VideoFile(path)
-        return self._video[1]
+OLD_EPISODES = "meta/episodes.jsonl"
+TABLE_COLUMNS = ("data/chunk_index", "data/file_index", "dataset_from_index", "dataset_to_index")
+VIDEO_COLUMNS = ("chunk_index", "file_index", "from_timestamp", "to_timestamp")
 
 
 def read_lerobot(path: Path, wanted: str) -> list[Episode]:
@@ -83,18 +45,50 @@ def read_lerobot(path: Path, wanted: str) -> list[Episode]:
     parquet.arrow()
     info = _info(path)
     features = info["features"]
-    cameras = [key for key, feature in features.items() if _is_camera(feature)]
-    camera = choose_camera(path, cameras, wanted)
-    as_video = features[camera]["dtype"] == "video"
-    template = info.get("video_path" if as_video else "data_path") or (VIDEO_PATH if as_video else DATA_PATH)
-    fps = info.get("fps")
-    fps = float(fps) if isinstance(fps, int | float) and 0 < fps < float("inf") else 0.0
-    found = LeRobotSet(path, fps, camera, as_video, str(template))
-    episodes = _episodes(found)
-    total = info.get("total_episodes")
-    if isinstance(total, int) and total > len(episodes):
-        found.notes.append(f"{EPISODES} lacks some of the {total} episodes that {INFO} declares")
-    return episodes
+    camera = choose_camera(path, [key for key, feature in features.items() if _is_camera(feature)], wanted)
+    if not is_plain(camera):
+        raise ArtifactError(f"{path / INFO}: has a feature named {brief(repr(camera))}: expected a printable name")
+    files = [file for file in (path / EPISODES).glob("*/*.parquet")]
+    if not files:
+        if (path / OLD_EPISODES).exists():
+            raise ArtifactError(f"{path}: is a LeRobot dataset of version 2: convert it with {CONVERTER}")
+        raise ArtifactError(f"{path}: has no tables in {EPISODES}: download the whole dataset")
+    files.sort(key=lambda file: (natural_order(file.parent), natural_order(file)))
+    as_video, notes = _as_video(path, info, camera, files[0])
+    templates = (
+        _template(path, info, "data_path", DATA_PATH, camera),
+        _template(path, info, "video_path", VIDEO_PATH, camera),
+    )
+    listed, doubtful = _listed(path, files, camera, as_video, *templates)
+    total = _whole_number(info.get("total_episodes"))
+    if total > len(listed):
+        notes.append(f"{EPISODES} lacks some of the {total} episodes that {INFO} declares")
+    elif 0 < total < len(listed):
+        notes.append(f"{INFO} declares {total} episodes, but {EPISODES} lists {len(listed)}, which are read")
+    tables = Tables(templates[0], _whole_number(info.get("total_frames")))
+    videos = Videos(templates[1], listed, tables)
+    fps = _number(info.get("fps"))
+    digests: dict[Path, str] = {}
+
+    def open_one(one: Listed) -> Footage:
+        if one.number in doubtful:
+            raise ArtifactError(f"{one.label}: is listed more than once in {EPISODES}: download the dataset again")
+        if as_video:
+            return videos.window(one, notes)
+        return stored_frames(path, tables, one, camera, fps, notes)
+
+    return [
+        Episode(
+            path,
+            part=f"episode {one.number}",
+            camera=camera,
+            inside=tuple(file for file in [one.video if as_video else one.table] if file is not None),
+            opener=partial(open_one, one),
+            pictures=tuple if as_video else partial(picture_files, path, tables, one, camera),
+            digests=digests,
+        )
+        for one in listed
+    ]
 
 
 def _info(path: Path) -> dict[str, Any]:
@@ -106,17 +100,17 @@ def _info(path: Path) -> dict[str, Any]:
             raise ValueError("too large")
         info: dict[str, Any] = json.loads(file.read_bytes())
         features = info["features"]
-        version = re.fullmatch(r"v?(\d+)(\.\d+)*", str(info["codebase_version"]))
+        version = re.fullmatch(r"v?(\d{1,4})(\.\d+)*", str(info["codebase_version"]))
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise ArtifactError(
             f"{file}: is not a LeRobot info file: expected JSON with codebase_version and features"
         ) from error
+    told = brief(info["codebase_version"])
     if version is None or int(version[1]) > MAJOR:
-        raise ArtifactError(f"{path}: is a LeRobot dataset of version {info['codebase_version']}: expected v{MAJOR}")
+        raise ArtifactError(f"{path}: is a LeRobot dataset of version {told}: expected v{MAJOR}")
     if int(version[1]) < MAJOR:
         raise ArtifactError(
-            f"{path}: is a LeRobot dataset of version {info['codebase_version']}, expected v{MAJOR}: convert it with "
-            f"{CONVERTER}"
+            f"{path}: is a LeRobot dataset of version {told}, expected v{MAJOR}: convert it with {CONVERTER}"
         )
     if not isinstance(features, dict):
         raise ArtifactError(f"{file}: has no table of features: download the dataset again")
@@ -131,77 +125,77 @@ def _is_camera(feature: Any) -> bool:
     return not any(about.get("is_depth_map") or about.get("video.is_depth_map") for about in told)
 
 
-def _episodes(found: LeRobotSet) -> list[Episode]:
-    files = sorted((found.path / EPISODES).glob("*/*.parquet"), key=lambda file: natural_order(file.parent / file.name))
-    files.sort(key=lambda file: natural_order(file.parent))
-    if not files:
-        raise ArtifactError(f"{found.path}: has no tables in {EPISODES}: download the whole dataset")
-    where = found.columns()
-    episodes: dict[int, Episode] = {}
+def _as_video(path: Path, info: Mapping[str, Any], camera: str, file: Path) -> tuple[bool, list[str]]:
+    """Whether images are stored in videos rather than in tables, and remarks. The table of episodes decides."""
+    declared = info["features"][camera]["dtype"] == "video"
+    located = {f"videos/{camera}/{name}" for name in VIDEO_COLUMNS} <= set(parquet.names_in(file))
+    if located == declared:
+        return declared, []
+    data = next(iter(_template(path, info, "data_path", DATA_PATH, camera).files()), None)
+    in_tables = data is not None and camera in parquet.names_in(data)
+    if located == in_tables:
+        return declared, []
+    places = "tables", "videos"
+    note = f"{INFO} declares that {camera} is stored in {places[declared]}, but it is stored in {places[located]}"
+    return located, [note]
+
+
+def _template(path: Path, info: Mapping[str, Any], key: str, default: str, camera: str) -> Template:
+    text = info.get(key)
+    return Template(path, text if isinstance(text, str) and text else default, camera)
+
+
+def _listed(
+    path: Path, files: Sequence[Path], camera: str, as_video: bool, data: Template, video: Template
+) -> tuple[list[Listed], set[int]]:
+    """The episodes in order of their numbers, and the numbers of those that are listed twice with different values."""
+    videos = [f"videos/{camera}/{name}" for name in VIDEO_COLUMNS]
+    required, optional = (videos, TABLE_COLUMNS) if as_video else (TABLE_COLUMNS[:2], TABLE_COLUMNS[2:])
+    found: dict[int, Listed] = {}
+    doubtful = set()
     for file in files:
-        table = parquet.columns(file, ["episode_index", *where], ["length"])
-        numbers = table["episode_index"]
-        lengths = table.get("length") or [None] * len(numbers)
-        for number, length, *places in zip(numbers, lengths, *(table[name] for name in where), strict=True):
-            if not isinstance(number, int):
-                raise ArtifactError(f"{file}: has an episode without a number: download the file again")
-            known = all(isinstance(value, int | float) and np.isfinite(value) for value in places)
-            place = _place(found, *map(int, places[:2])) if known else None
-            label = f"{found.path}, episode {number}"
-            episodes[number] = Episode(
-                found.path,
-                part=f"episode {number}",
-                camera=found.camera,
-                inside=() if place is None else (place,),
-                opener=partial(_open, found, label, place, number, places[2], places[3], length),
-                digests=found.digests,
+        table = parquet.columns(file, ["episode_index", *required], [*optional, "length"])
+        count = len(table["episode_index"])
+        nothing = np.full(count, np.nan)
+        for k in range(count):
+            number, chunk, number_of_file, first, last, length, *place = (
+                float(table.get(name, nothing)[k])
+                for name in ("episode_index", *TABLE_COLUMNS, "length", *(videos if as_video else ()))
             )
-    return [episodes[number] for number in sorted(episodes)]
+            if not number.is_integer() or abs(number) > LARGEST_NUMBER:
+                raise ArtifactError(f"{file}: has an episode without a number: download the file again")
+            one = Listed(
+                label=f"{path}, episode {int(number)}",
+                number=int(number),
+                table=_place(data, chunk, number_of_file),
+                video=_place(video, *place[:2]) if as_video else None,
+                begin=place[2] if as_video else math.nan,
+                end=place[3] if as_video else math.nan,
+                length=_whole_number(length),
+                span=_whole_number(last - first),
+            )
+            if repr(found.setdefault(one.number, one)) != repr(one):  # NaN differs from itself.
+                doubtful.add(one.number)
+    return [found[number] for number in sorted(found)], doubtful
 
 
-def _place(found: LeRobotSet, chunk_index: int, file_index: int) -> Path:
-    """The file that the dataset's path template names. It avoids str.format, which is unsafe on untrusted templates."""
-    values: dict[str, str | int] = {
-        "video_key": found.camera,
-        "chunk_index": chunk_index,
-        "file_index": file_index,
-    }
-    problem = f"{found.path / INFO}: has the path {found.template!r}: expected a path like {DATA_PATH}"
-
-    def fill(match: re.Match[str]) -> str:
-        if match[1] not in values:
-            raise ArtifactError(problem)
-        return str(values[match[1]]).zfill(int(match[2] or 0))
-
-    relative = Path(FIELD.sub(fill, found.template))
-    if "{" in str(relative) or relative.is_absolute() or ".." in relative.parts:
-        raise ArtifactError(problem)
-    return found.path / relative
+def _place(template: Template, chunk: float, file: float) -> Path | None:
+    """The file with these indices; None if they are not recorded."""
+    if not (chunk.is_integer() and file.is_integer() and max(abs(chunk), abs(file)) < LARGEST_NUMBER):
+        return None
+    return template.at(int(chunk), int(file))
 
 
-def _open(
-    found: LeRobotSet, label: str, place: Path | None, number: int, begin: Any, end: Any, length: int | None
-) -> Footage:
-    if place is None:
-        raise ArtifactError(f"{label}: {EPISODES} does not record where its {found.camera} is stored")
-    if found.as_video:
-        return VideoWindow(label, found.video(place), float(begin), float(end), length or 0, found.notes)
-    names = ("episode_index", "frame_index")
-    table = parquet.columns(place, names, ["timestamp"])
-    rows = np.flatnonzero(np.array(table["episode_index"], float) == number)
-    if not len(rows):
-        raise ArtifactError(f"{label}: {place} has no rows for it: download the dataset again")
-    order = np.argsort(np.array(table["frame_index"], float)[rows], kind="stable")
-    if not (np.diff(order) == 1).all():
-        raise ArtifactError(f"{label}: its rows in {place} are out of order: download the dataset again")
-    stamps = np.array(table["timestamp"], float)[rows] if "timestamp" in table else None
-    expected = int(end) - int(begin)
-    cut = f"is truncated to {len(rows)} of {expected} frames" if len(rows) < expected else ""
-    times, notes = times_of(stamps, len(rows), found.fps, "no frame rate is recorded; 25 frames per second are assumed")
-    return StoredFrames(label, times, partial(_pictures, label, place, found.camera, rows), cut, found.notes + notes)
+def _number(value: Any) -> float:
+    """A positive finite number, also one written as text; 0 for anything else."""
+    try:
+        number = float(value) if isinstance(value, int | float | str) else 0.0
+    except (ValueError, OverflowError):
+        return 0.0
+    return number if 0 < number < math.inf else 0.0
 
 
-def _pictures(label: str, place: Path, camera: str, of_episode: np.ndarray, indices: np.ndarray) -> Any:
-    for value in parquet.rows(place, camera, of_episode[indices]):
-        value = value.get("bytes") if isinstance(value, dict) else value
-        yield from_bytes(label, value if isinstance(value, bytes) else None)
+def _whole_number(value: Any) -> int:
+    """A positive whole number; 0 for anything else."""
+    number = _number(value)
+    return int(number) if number.is_integer() and number < LARGEST_NUMBER else 0

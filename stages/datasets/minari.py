@@ -72,6 +72,8 @@ def _open(path: Path, file: Path, name: str, camera: str) -> StoredFrames:
     label = f"{path}, {name}"
     with hdf5.opened(file, label) as data:
         episode = hdf5.member(data, name)
-        steps = int(hdf5.number(episode.attrs.get("total_steps")))
-        stamps = hdf5.numbers(hdf5.member(episode, TIMES))
-    return hdf5.footage(file, f"{name}/{camera}", label, steps + 1 if steps else 0, stamps, 0)
+        if episode is None:
+            raise ArtifactError(f"{label}: no longer exists: run the command again")
+        steps = hdf5.whole_number(episode.attrs.get("total_steps")), hdf5.length_of(hdf5.member(episode, "actions"))
+    expected = [number + 1 for number in steps if number]
+    return hdf5.footage(file, f"{name}/{camera}", label, expected, f"{name}/{TIMES}", 0)

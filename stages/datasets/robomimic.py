@@ -16,6 +16,7 @@ from stages.footage.sources import natural_order
 if TYPE_CHECKING:
     import h5py
 
+MOST_TEXT = 2**20  # characters of env_args
 TIMES = "times"  # our addition, next to obs: seconds (T,)
 
 
@@ -51,9 +52,8 @@ def _open(path: Path, name: str, camera: str, rate: float) -> StoredFrames:
         demo = hdf5.member(file, f"data/{name}")
         if demo is None:
             raise ArtifactError(f"{label}: no longer exists: run the command again")
-        expected = int(hdf5.number(demo.attrs.get("num_samples")))
-        stamps = hdf5.numbers(hdf5.member(demo, TIMES))
-    return hdf5.footage(path, f"data/{name}/obs/{camera}", label, expected, stamps, rate)
+        steps = hdf5.whole_number(demo.attrs.get("num_samples")), hdf5.length_of(hdf5.member(demo, "actions"))
+    return hdf5.footage(path, f"data/{name}/obs/{camera}", label, steps, f"data/{name}/{TIMES}", rate)
 
 
 def _demos(data: h5py.Group) -> Iterator[str]:
@@ -67,7 +67,8 @@ def _demos(data: h5py.Group) -> Iterator[str]:
 def _rate(attributes: Any) -> float:
     """Frames per second according to the environment's arguments; 0 if they do not record it."""
     try:
-        arguments = json.loads(attributes["env_args"])["env_kwargs"]
+        text = attributes["env_args"]
+        arguments = json.loads(text)["env_kwargs"] if len(text) <= MOST_TEXT else {}
         return hdf5.number(arguments.get("control_freq"))
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError):
         return 0.0

@@ -23,41 +23,17 @@ class VideoWindow:
         cut: Description of what is missing; empty if the episode is complete.
     """
 
-    def __init__(
-        self, label: str, video: VideoFile, begin: float, end: float, length: int, notes: Sequence[str] = ()
-    ) -> None:
-        """Find the frames.
-
-        Args:
-            label: The name used in messages.
-            video: The file.
-            begin: Timestamp of the first frame, seconds.
-            end: Timestamp of the first frame after the episode, seconds.
-            length: Number of frames; 0 if unknown.
-            notes: Remarks for the user.
-
-        Raises:
-            ArtifactError: The file ends before the episode, or the times and the length contradict each other.
+    def __init__(self, label: str, video: VideoFile, first: int, expected: int, notes: Sequence[str] = ()) -> None:
+        """Args:
+        label: The name used in messages.
+        video: The file.
+        first: Index of the first frame, which the file has.
+        expected: Number of frames. If the file ends before them, the episode is cut.
+        notes: Remarks for the user.
         """
-        self.label, self._video, self._notes = label, video, list(notes)
-        stamps = video.begins + video.times
-        period = float(np.median(np.diff(stamps))) if len(stamps) > 1 else max(end - begin, 0.0)
-        # Take the nearest frame: in long files the sum of durations drifts by a fraction of a frame.
-        first, told = (int(np.searchsorted(stamps, at - period / 2)) for at in (begin, end))
-        if not begin < end or (length and abs(round((end - begin) / (period or 1)) - length) > slack(length)):
-            raise ArtifactError(
-                f"{label}: spans {begin:g} to {end:g} s but has {length} frames: its tables are damaged; download the "
-                "dataset again"
-            )
-        last = min(first + (length or told - first), len(stamps))
-        if last <= first:
-            raise ArtifactError(
-                f"{video.label}: ends at {stamps[-1] + period:.2f} s, before {label}: download it again"
-            )
-        self._first = first
-        self.times = stamps[first:last] - stamps[first]
-        self.duration = float(self.times[-1]) + period
-        expected = length or round((end - begin) / (period or 1))
+        self.label, self._video, self._first, self._notes = label, video, first, list(notes)
+        self.times = video.times[first : first + expected] - video.times[first]
+        self.duration = float(self.times[-1]) + (period_of(video) or video.duration)
         lacking = expected - len(self.times)
         self.cut = f"is truncated to {len(self.times)} of {expected} frames" if lacking > slack(expected) else ""
         if lacking > 0 and not self.cut:
@@ -82,6 +58,46 @@ class VideoWindow:
         with closing(self._video.pictures(np.asarray(indices) + self._first)) as pictures:
             for index, (_, picture) in zip(indices, pictures, strict=True):
                 yield float(self.times[index]), picture
+
+
+def between(
+    label: str, video: VideoFile, begin: float, end: float, length: int, notes: Sequence[str] = ()
+) -> VideoWindow:
+    """The frames of a video file between two times.
+
+    Args:
+        label: The name used in messages.
+        video: The file.
+        begin: Timestamp of the first frame, seconds.
+        end: Timestamp of the first frame after the episode, seconds.
+        length: Number of frames; 0 if unknown.
+        notes: Remarks for the user.
+
+    Raises:
+        ArtifactError: The file ends before the episode, or the times and the length contradict each other.
+    """
+    period = period_of(video) or max(end - begin, 0.0) or 1.0
+    lasting = (end - begin) / period
+    if not 0 < lasting < float("inf") or (length and abs(round(lasting) - length) > slack(length)):
+        raise ArtifactError(
+            f"{label}: spans {begin:g} to {end:g} s but has {length} frames: its tables are damaged; download the "
+            "dataset again"
+        )
+    first = nearest(video, begin)
+    if first >= len(video.times):
+        ends = video.begins + float(video.times[-1]) + period
+        raise ArtifactError(f"{video.label}: ends at {ends:.2f} s, before {label}: download it again")
+    return VideoWindow(label, video, first, length or max(round(lasting), 1), notes)
+
+
+def nearest(video: VideoFile, time: float) -> int:
+    """Index of the frame whose timestamp is nearest to a time; in long files the sum of durations drifts a little."""
+    return int(np.searchsorted(video.begins + video.times, time - period_of(video) / 2))
+
+
+def period_of(video: VideoFile) -> float:
+    """Seconds between two frames; 0 for a single frame."""
+    return float(np.median(np.diff(video.times))) if len(video.times) > 1 else 0.0
 
 
 def slack(length: int) -> float:

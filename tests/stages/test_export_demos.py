@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import resource
 import signal
 import sys
 from pathlib import Path
@@ -18,6 +19,7 @@ import pytest
 
 from artifacts import read_artifact, write_artifact
 from ifo_cli.main import main
+from stages import export_demos
 from stages.datasets import hdf5_writing, lerobot_video_writer, lerobot_writing
 from tests.stages.videos import picture
 
@@ -325,6 +327,66 @@ def test_nothing_is_replaced(ifo, demos, tmp_path, name):
         code == 2
         and said == f"ifo: {tmp_path / FORMATS[name]}: already exists: remove it, or choose another name with --out\n"
     )
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("kind", ["pipe", "file", "broken link", "link to a folder"])
+def test_nothing_of_any_kind_is_replaced(ifo, demos, tmp_path, name, kind):
+    path, out = demos(), tmp_path / FORMATS[name]
+    (tmp_path / "folder").mkdir()
+    {
+        "pipe": os.mkfifo,
+        "file": Path.touch,
+        "broken link": lambda out: out.symlink_to("nowhere"),
+        "link to a folder": lambda out: out.symlink_to("folder"),
+    }[kind](out)
+    code, _, said = ifo("export-demos", path, "--format", name)
+    assert code == 2 and "already exists" in said and said.count("\n") == 1
+    assert len(list(tmp_path.iterdir())) == 3 and not list((tmp_path / "folder").iterdir())
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_names_that_no_file_can_have(ifo, demos, tmp_path, name):
+    out = tmp_path / ("a" * 250 + FORMATS[name])
+    code, _, said = ifo("export-demos", demos(), "--format", name, "--out", out)
+    assert code == 4 and "File name too long" in said.splitlines()[-1]
+
+
+@pytest.fixture
+def files_of_at_most():
+    """A function that limits the size of files, as a full disk does."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("words", [["lerobot"], ["lerobot", "--video"], ["robomimic"], ["minari"]])
+@pytest.mark.parametrize("size", [1000, 30_000])
+def test_a_full_disk_leaves_nothing(ifo, demos, tmp_path, files_of_at_most, words, size):
+    path = demos()
+    files_of_at_most(size)
+    code, printed, said = ifo("export-demos", path, "--format", *words)
+    assert (code, printed) == (4, None) and "cannot be written" in said.splitlines()[-1] and "File too large" in said
+    assert [file.name for file in tmp_path.iterdir()] == ["x.demos.h5"]
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_an_export_grows_in_a_hidden_folder_that_the_next_one_removes(ifo, demos, tmp_path, monkeypatch, name):
+    """What SIGKILL leaves behind does not look finished, and does not stay."""
+    path, seen = demos(), []
+    left = tmp_path / f".{FORMATS[name]}.tmp-killed" / "new"
+    left.mkdir(parents=True)
+    videos = export_demos._videos
+
+    def watched(*words):
+        for video in videos(*words):
+            seen.append({file.name for file in tmp_path.iterdir()})
+            yield video
+
+    monkeypatch.setattr(export_demos, "_videos", watched)
+    assert ifo("export-demos", path, "--format", name)[0] == 0
+    assert all(len(names) == 2 and any(each.startswith(f".{FORMATS[name]}.tmp-") for each in names) for names in seen)
+    assert len(seen) == N and sorted(file.name for file in tmp_path.iterdir()) == sorted(["x.demos.h5", FORMATS[name]])
 
 
 def test_odd_frames_make_no_video_but_pictures(ifo, demos, tmp_path):

@@ -19,6 +19,7 @@ from tests.stages.videos import picture
 
 FPS = 10
 SIZE = (48, 64)
+FRONT = "observation.images.front"
 
 
 def number(episode: int, frame: int) -> int:
@@ -113,6 +114,19 @@ def write_episodes(path: Path, rows: Sequence[dict]) -> None:
         file = path / f"meta/episodes/chunk-000/file-{k:03d}.parquet"
         file.parent.mkdir(parents=True, exist_ok=True)
         pyarrow.parquet.write_table(pyarrow.Table.from_pylist(list(part)), file)
+
+
+def edit_info(path, **changes):
+    file = path / "meta/info.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | changes))
+
+
+def edit_episodes(path, change):
+    for file in (path / "meta/episodes").rglob("*.parquet"):
+        rows = pyarrow.parquet.read_table(file).to_pylist()
+        for row in rows:
+            change(row)
+        pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows), file)
 
 
 def _write_table(file, episodes, lengths, starts, cameras, row_groups) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import sys
 
@@ -12,12 +11,11 @@ import pyarrow.parquet
 import pytest
 
 from artifacts import read_artifact
-from tests.stages.datasets.foreign import FPS, lerobot, number
+from tests.stages.datasets.foreign import FPS, FRONT, edit_episodes, edit_info, lerobot, number
 
 LENGTHS = (9, 5, 7)
 MIDDLES = [[0, 4, 8], [0, 2, 4], [0, 3, 6]]  # three frames at equal times
 EXPECTED = [[number(episode, frame) for frame in frames] for episode, frames in enumerate(MIDDLES)]
-FRONT = "observation.images.front"
 TWO = (FRONT, "observation.images.wrist")
 
 
@@ -99,17 +97,9 @@ def test_pictures_in_videos_or_in_tables_need_no_more_than_their_files(ifo, numb
     assert numbers(ifo(data_set)[1]["path"]) == EXPECTED
 
 
-def edit_info(path, **changes):
-    file = path / "meta/info.json"
-    file.write_text(json.dumps(json.loads(file.read_text()) | changes))
-
-
-def edit_episodes(path, change):
-    for file in (path / "meta/episodes").rglob("*.parquet"):
-        rows = pyarrow.parquet.read_table(file).to_pylist()
-        for row in rows:
-            change(row)
-        pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows), file)
+def without_tables(path, change):
+    shutil.rmtree(path / "data")
+    edit_episodes(path, change)
 
 
 def cut_short(path):
@@ -154,21 +144,22 @@ SOME_BAD = {
     "video empty": (lambda path: (path / VIDEO).write_bytes(b""), "file-000.mp4: is empty"),
     "video cut": (lambda path: cut_short(path / VIDEO), "file-000.mp4: is not a video, or is truncated"),
     "no place": (
-        lambda path: edit_episodes(path, lambda row: row["episode_index"] < 2 and row.update({PLACE: None})),
+        lambda path: edit_episodes(path, lambda row: row["episode_index"] < 2 and row.update({INDEX: None})),
         f"does not record where its {FRONT} is stored",
     ),
     "contradiction": (
-        lambda path: edit_episodes(path, lambda row: row["episode_index"] < 2 and row.update(length=50)),
+        lambda path: without_tables(path, lambda row: row["episode_index"] < 2 and row.update(length=50)),
         "has 50 frames: its tables are damaged",
     ),
     "late": (
-        lambda path: edit_episodes(
+        lambda path: without_tables(
             path,
-            lambda row: row["episode_index"] < 2 and row.update({PLACE: 70.0, END: 70 + row["length"] / FPS}),
+            lambda row: row["episode_index"] < 2 and row.update({PLACE: 70.0, END: 79.0, "length": 90}),
         ),
         "ends at 1.40 s, before",
     ),
 }
+INDEX = f"videos/{FRONT}/file_index"
 PLACE, END = f"videos/{FRONT}/from_timestamp", f"videos/{FRONT}/to_timestamp"
 
 
@@ -216,7 +207,11 @@ def test_damaged_pictures_and_missing_rows(ifo, numbers, tmp_path):
     pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows[:-3]), file)
     code, _, said = ifo(path)
     assert code == 3, said
-    assert said.count("a frame is not a complete PNG or JPEG") == 2 and "is truncated to 4 of 7 frames" in said
+    assert (
+        "a frame is not a complete PNG or JPEG" in said
+        and "an image file of" in said
+        and "is truncated to 4 of 7 frames" in said
+    )
     cut_short(file)
     code, _, said = ifo(path)
     assert (

@@ -1,6 +1,8 @@
 """Parts that readers of data sets share: names of cameras, times, pictures, windows of videos, statistics."""
 
 import hashlib
+import os
+import struct
 from types import SimpleNamespace
 
 import cv2
@@ -8,10 +10,10 @@ import numpy as np
 import pytest
 
 from artifacts import ArtifactError, UsageError
-from stages.datasets.episode import Episode, check_is_there, choose_camera, episodes_in, last_part
+from stages.datasets.episode import Episode, brief, check_is_there, choose_camera, episodes_in, listing
 from stages.datasets.feature_statistics import levels_in, of_numbers, of_pictures
-from stages.datasets.frames import StoredFrames, as_picture, from_bytes, times_of
-from stages.datasets.window import VideoWindow, slack
+from stages.datasets.frames import StoredFrames, as_picture, from_bytes, size_in_header, times_of
+from stages.datasets.window import between, slack
 
 CAMERAS = ["observation.images.front", "observation.images.side", "wrist_image"]
 
@@ -53,10 +55,33 @@ def test_a_camera_that_cannot_be_told_is_refused(tmp_path, cameras, wanted, kind
 
 
 @pytest.mark.parametrize(
-    ("camera", "part"), [("a.b.front", "front"), ("obs/side", "side"), ("a.b/c", "c"), ("top", "top")]
+    ("wanted", "camera"),
+    [
+        ("agentview", "obs/agentview_rgb"),
+        ("agentview_rgb", "obs/agentview_rgb"),
+        ("eye", "eye.image"),
+        ("images.top", "observation.images.top"),
+        ("left", "left_image"),
+        ("left_img", "x/left_img"),
+    ],
 )
-def test_the_last_part_of_a_cameras_name(camera, part):
-    assert last_part(camera) == part
+def test_endings_of_names_may_be_left_out(tmp_path, wanted, camera):
+    cameras = ["obs/agentview_rgb", "eye.image", "observation.images.top", "left_image", "x/left_img"]
+    if wanted == "left":
+        cameras.pop()
+    assert choose_camera(tmp_path, cameras, wanted) == camera
+
+
+def test_candidates_of_an_ambiguous_name_are_listed(tmp_path):
+    cameras = ["agentview_image", "agentview_rgb", "wrist_rgb"]
+    with pytest.raises(UsageError, match="has the cameras agentview_image, agentview_rgb: give the full name"):
+        choose_camera(tmp_path, cameras, "agentview")
+
+
+def test_texts_of_files_fit_in_a_message():
+    assert brief("\x1b[2Jé\n x\0") == "\\x1b[2Jé x\\x00"
+    assert len(brief("x" * 10**6)) < 100
+    assert listing([f"c{k}" for k in range(25)]).endswith("c19 and 5 more")
 
 
 def test_an_episode_is_known_by_name_camera_and_files(tmp_path):
@@ -112,8 +137,14 @@ def test_files_that_were_not_downloaded_are_told(tmp_path, content, message):
         check_is_there(path)
     path.write_bytes(b"version 2")
     check_is_there(path)
-    with pytest.raises(ArtifactError, match="cannot be read"):
-        check_is_there(tmp_path)
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "endless").symlink_to("/dev/zero")
+    for other in (tmp_path, tmp_path / "pipe", tmp_path / "endless", tmp_path / ("x" * 5000)):
+        with pytest.raises(ArtifactError, match="cannot be read"):
+            check_is_there(other)
+
+
+REPLACED = "time stamps that do not increase from frame to frame are replaced by equal steps"
 
 
 @pytest.mark.parametrize(
@@ -124,12 +155,14 @@ def test_files_that_were_not_downloaded_are_told(tmp_path, content, message):
         (np.array([1, 2, 4], np.uint8), 0, [1.0, 2.0, 4.0], []),
         (None, 10, [0.0, 0.1, 0.2], []),
         (None, 0, [0.0, 0.04, 0.08], ["unknown"]),
-        (np.array([0.0, 0.5]), 10, [0.0, 0.1, 0.2], []),
-        (np.array([[0.0, 0.5, 0.7]]), 10, [0.0, 0.1, 0.2], []),
-        (np.array([0.0, 0.5, 0.5]), 10, [0.0, 0.1, 0.2], []),
-        (np.array([0.0, 0.5, np.inf]), 10, [0.0, 0.1, 0.2], []),
-        (np.array([0.0, 0.5, np.nan]), 0, [0.0, 0.04, 0.08], ["unknown"]),
-        (np.array([b"a", b"b", b"c"]), 10, [0.0, 0.1, 0.2], []),
+        (None, 1e300, [0.0, 0.04, 0.08], ["unknown"]),
+        (None, 1e-300, [0.0, 0.04, 0.08], ["unknown"]),
+        (np.array([0.0, 0.5]), 10, [0.0, 0.1, 0.2], [REPLACED]),
+        (np.array([[0.0, 0.5, 0.7]]), 10, [0.0, 0.1, 0.2], [REPLACED]),
+        (np.array([0.0, 0.5, 0.5]), 10, [0.0, 0.1, 0.2], [REPLACED]),
+        (np.array([0.0, 0.5, np.inf]), 10, [0.0, 0.1, 0.2], [REPLACED]),
+        (np.array([0.0, 0.5, np.nan]), 0, [0.0, 0.04, 0.08], [REPLACED, "unknown"]),
+        (np.array([b"a", b"b", b"c"]), 10, [0.0, 0.1, 0.2], [REPLACED]),
     ],
 )
 def test_times_are_the_files_where_they_are_usable(stamps, rate, times, notes):
@@ -192,13 +225,29 @@ def test_pictures_in_bytes_are_decoded():
             from_bytes("x, 3", broken)
 
 
+def png_header(width, height):
+    return b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sII", 13, b"IHDR", width, height) + bytes(50) + b"IEND"
+
+
+def test_sizes_are_checked_before_pictures_are_decoded():
+    for width, height in ((30, 20), (300, 200)):
+        frame = np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
+        for suffix in (".png", ".jpg"):
+            assert size_in_header(cv2.imencode(suffix, frame)[1].tobytes()) == (width, height)
+    for data in (b"", b"\x89PNG", b"\xff\xd8", b"\xff\xd8" + bytes(99), b"\xff\xd8" + b"\xff" * 99, b"GIF89a"):
+        assert size_in_header(data) is None
+    for width, height in ((30000, 30000), (65535, 65535), (2**31, 2**31), (0, 20), (16000, 16000)):
+        with pytest.raises(ArtifactError, match=f"x, 3: its image has {width}x{height} pixels"):
+            from_bytes("x, 3", png_header(width, height))
+
+
 def window(begin, end, length=0, frames=60, begins=0.0, notes=()):
     """A window of a video of ten frames a second; each picture is its index."""
     video = SimpleNamespace(
-        label="file.mp4", begins=begins, times=np.arange(frames) / 10, rotation=90, notes=["of the file"],
+        label="file.mp4", begins=begins, duration=0.1, times=np.arange(frames) / 10, rotation=90, notes=["of the file"],
         pictures=lambda indices: ((index / 10, index) for index in indices),
     )  # fmt: skip
-    return VideoWindow("file.mp4, episode 2", video, begin, end, length, notes)
+    return between("file.mp4, episode 2", video, begin, end, length, notes)
 
 
 @pytest.mark.parametrize(

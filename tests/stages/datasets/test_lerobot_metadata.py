@@ -1,0 +1,285 @@
+"""Metadata of a LeRobotDataset that disagree with its tables and videos: the rows and the frames decide."""
+
+from __future__ import annotations
+
+import functools
+import shutil
+
+import cv2
+import numpy as np
+import pyarrow
+import pyarrow.parquet
+import pytest
+
+from artifacts import ArtifactError
+from stages.datasets.lerobot import read_lerobot
+from tests.stages.datasets.foreign import FPS, FRONT, edit_episodes, edit_info, lerobot, number, shown
+from tests.stages.videos import number_in
+
+LENGTHS = (9, 5, 7, 6)
+BEGIN, END, FILE = (f"videos/{FRONT}/{name}" for name in ("from_timestamp", "to_timestamp", "file_index"))
+TABLE = "data/chunk-000/file-000.parquet"
+TRUE = [[number(episode, frame) for frame in range(length)] for episode, length in enumerate(LENGTHS)]
+
+
+@pytest.fixture(scope="module")
+def originals(tmp_path_factory):
+    """A function that makes a data set once for all tests: its folder."""
+    return functools.cache(lambda **made: lerobot(tmp_path_factory.mktemp("made") / "set", LENGTHS, **made))
+
+
+@pytest.fixture
+def data_set(originals, tmp_path):
+    """A function that makes a data set: its folder."""
+
+    def make(**made):
+        return shutil.copytree(originals(**made), tmp_path / "set")
+
+    return make
+
+
+def taken(path):
+    """What each episode shows, or the message that refuses it; and all remarks."""
+    found, notes = [], set()
+    for episode in read_lerobot(path, ""):
+        try:
+            footage = episode.open()
+            if footage.cut:
+                raise ArtifactError(footage.cut)
+            found.append([cropped(picture) for _, picture in footage.pictures(np.arange(len(footage.times)))])
+            notes |= set(footage.notes)
+        except ArtifactError as error:
+            found.append(str(error))
+    return found, " ".join(notes)
+
+
+def cropped(picture):
+    return number_in(picture[:, 8:56])
+
+
+def edit_rows(path, change, file=TABLE):
+    rows = pyarrow.parquet.read_table(path / file).to_pylist()
+    pyarrow.parquet.write_table(pyarrow.Table.from_pylist(change(rows)), path / file)
+
+
+def drifting(row):
+    """A drift that grows to 1.5 frames."""
+    k = row["episode_index"]
+    row.update({BEGIN: row[BEGIN] + k * 0.05, END: row[END] + (k + 1) * 0.05})
+
+
+IN_VIDEOS = {
+    "drift": (drifting, "found by counting frames"),
+    "drift, one file": (drifting, "found by counting frames"),
+    "no times": (lambda row: row.update({BEGIN: None, END: None}), "found by counting frames"),
+    "times from zero": (lambda row: row.update({BEGIN: 0.0, END: row["length"] / FPS}), "found by counting frames"),
+    "times backward": (lambda row: row.update({BEGIN: 9.0 - row["episode_index"]}), "found by counting frames"),
+    "times of another rate": (lambda row: row.update({BEGIN: row[BEGIN] * 2, END: row[END] * 2}), "by counting frames"),
+    "lengths": (lambda row: row.update(length=row["length"] + 1), "another length than the rows"),
+    "swapped lengths": (lambda row: row.update(length=LENGTHS[row["episode_index"] ^ 1]), "another length than the"),
+    "no lengths": (lambda row: row.update(length=None), ""),
+    "all in one file": (lambda row: row.update({FILE: 0}), "names another video file"),
+    "last one in the file before": (lambda row: row["episode_index"] == 2 and row.update({FILE: 0}), "another video"),
+    "scrambled indices": (lambda row: row.update(dataset_to_index=7, dataset_from_index=3), ""),
+    "numbers are floats": (lambda row: row.update({FILE: float(row[FILE]), "length": float(row["length"])}), ""),
+}
+
+
+@pytest.mark.parametrize("fault", IN_VIDEOS)
+def test_frames_of_videos_decide(data_set, fault):
+    change, words = IN_VIDEOS[fault]
+    path = data_set(per_file=4 if fault.endswith(", one file") else 2)
+    edit_episodes(path, change)
+    found, notes = taken(path)
+    assert found == TRUE
+    assert words in notes and bool(words) == bool(notes)
+
+
+def test_lengths_decide_without_tables_if_the_durations_confirm_them(data_set):
+    path = data_set(per_file=4)
+    shutil.rmtree(path / "data")
+    edit_episodes(path, drifting)
+    edit_episodes(path, lambda row: row.update({END: row[BEGIN] + row["length"] / FPS}))
+    assert taken(path)[0] == TRUE
+    edit_episodes(path, lambda row: row.update(length=LENGTHS[row["episode_index"] ^ 1]))
+    assert not any(video in TRUE for video in taken(path)[0])
+
+
+def test_episodes_in_another_order_than_their_numbers(data_set):
+    path = data_set(per_file=2)
+    swap = {0: 1, 1: 0, 2: 2, 3: 3}
+    edit_episodes(path, lambda row: row.update(episode_index=swap[row["episode_index"]]))
+    found, notes = taken(path)
+    assert found == [TRUE[1], TRUE[0], *TRUE[2:]] and not notes
+
+
+def test_a_deleted_episode_leaves_a_gap(data_set):
+    path = data_set(per_file=4)
+    for file in (path / "meta/episodes").rglob("*.parquet"):
+        rows = [row for row in pyarrow.parquet.read_table(file).to_pylist() if row["episode_index"] != 1]
+        pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows), file)
+    assert taken(path) == (
+        [TRUE[0], *TRUE[2:]],
+        "meta/episodes lacks some of the 4 episodes that meta/info.json declares",
+    )
+
+
+def test_unclear_episodes_of_a_truncated_video_are_refused(data_set, originals):
+    """With a drift and a video that lacks its end, only episodes before the first contradiction are certain."""
+    path = data_set(per_file=4)
+    name = f"videos/{FRONT}/chunk-000/file-000.mp4"
+    shutil.copy(originals(per_file=3) / name, path / name)
+    found, _ = taken(path)
+    assert found[:3] == TRUE[:3] and "before" in found[3]
+    edit_episodes(path, drifting)
+    found, _ = taken(path)
+    assert found[0] == TRUE[0]
+    assert all(isinstance(video, str) or video in TRUE for video in found) and "contradict" in found[2] + found[3]
+
+
+IN_TABLES = {
+    "scrambled": (lambda row: row.update(dataset_to_index=row["dataset_to_index"] + 60), "dataset_to_index in"),
+    "lengths": (
+        lambda row: row.update(length=row["length"] + 1, dataset_to_index=None),
+        "another length than the rows",
+    ),
+    "shorter": (lambda row: row.update(length=row["length"] - 1), "another length than the rows"),
+    "no lengths": (lambda row: row.update(length=None, dataset_to_index=None, dataset_from_index=None), ""),
+    "other file": (lambda row: row.update({"data/file_index": 0}), "names another table"),
+    "missing file": (lambda row: row.update({"data/file_index": 9}), "names another table"),
+    "no file": (lambda row: row.update({"data/file_index": None}), "names another table"),
+}
+
+
+@pytest.mark.parametrize("fault", IN_TABLES)
+def test_rows_of_tables_decide(data_set, fault):
+    change, words = IN_TABLES[fault]
+    path = data_set(video=False)
+    edit_episodes(path, change)
+    found, notes = taken(path)
+    assert found == TRUE
+    assert words in notes and bool(words) == bool(notes)
+
+
+ROWS = {
+    "backward": lambda rows: rows[::-1],
+    "frames from 5": lambda rows: [row | {"frame_index": row["frame_index"] + 5} for row in rows],
+    "episodes mixed": lambda rows: sorted(rows, key=lambda row: (row["frame_index"], row["episode_index"])),
+    "floats": lambda rows: [row | {"episode_index": float(row["episode_index"])} for row in rows],
+}
+
+
+@pytest.mark.parametrize("fault", ROWS)
+def test_rows_in_any_order(data_set, fault):
+    path = data_set(video=False)
+    edit_rows(path, ROWS[fault])
+    found, notes = taken(path)
+    assert found == TRUE and not notes
+
+
+def test_an_episode_in_two_tables(data_set):
+    path = data_set(video=False)
+    moved = pyarrow.parquet.read_table(path / TABLE).to_pylist()[11:]
+    edit_rows(path, lambda rows: rows[:11])
+    edit_rows(path, lambda rows: moved + rows, "data/chunk-000/file-001.parquet")
+    found, notes = taken(path)
+    assert found == TRUE and "names another table" in notes
+
+
+def test_rows_that_are_missing_or_twice_are_refused(data_set):
+    path = data_set(video=False)
+    edit_rows(path, lambda rows: rows[3:9] + rows[9:] + rows[9:10])
+    found, _ = taken(path)
+    assert found[0] == "is truncated to 6 of 9 frames" and "share a frame_index" in found[1] and found[2:] == TRUE[2:]
+
+
+def test_time_stamps_that_disagree_with_the_rate_are_used_and_told(data_set):
+    path = data_set(video=False, per_file=4)
+    edit_info(path, fps="20")
+    footage = read_lerobot(path, "")[0].open()
+    assert footage.times[1] == pytest.approx(1 / FPS) and "disagree with the frame rate" in footage.notes[0]
+    edit_rows(path, lambda rows: [row | {"timestamp": 1.0} for row in rows])
+    footage = read_lerobot(path, "")[0].open()
+    assert footage.times[1] == pytest.approx(1 / 20) and "replaced by equal steps" in footage.notes[0]
+
+
+@pytest.mark.parametrize("fps", ["10", 10.0, "10.0", None, [], {}, float("nan"), -3, 10**400, True, "x"])
+def test_rates_and_totals_of_any_type(data_set, fps):
+    path = data_set(video=False, per_file=4)
+    edit_info(path, fps=fps, total_episodes=fps, total_frames=fps)
+    assert taken(path)[0] == TRUE
+
+
+def test_totals_that_are_too_small_are_told(data_set):
+    path = data_set(per_file=4)
+    edit_info(path, total_episodes=2)
+    assert taken(path) == (TRUE, "meta/info.json declares 2 episodes, but meta/episodes lists 4, which are read")
+
+
+def test_an_episode_that_is_listed_twice(data_set):
+    path = data_set(per_file=4)
+    file = path / "meta/episodes/chunk-000/file-000.parquet"
+    rows = pyarrow.parquet.read_table(file).to_pylist()
+    pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows + rows[:1]), file)
+    assert taken(path)[0] == TRUE
+    pyarrow.parquet.write_table(pyarrow.Table.from_pylist([*rows, rows[0] | {"length": 8}]), file)
+    assert "is listed more than once" in taken(path)[0][0] and taken(path)[0][1:] == TRUE[1:]
+
+
+@pytest.mark.parametrize("video", [True, False])
+def test_where_images_are_stored_shows_in_the_tables(data_set, video):
+    path = data_set(video=video)
+    feature = {"dtype": "image" if video else "video", "shape": [48, 64, 3]}
+    edit_info(path, features={FRONT: feature}, video_path=None)
+    found, notes = taken(path)
+    assert found == TRUE and f"but it is stored in {'videos' if video else 'tables'}" in notes
+
+
+def as_files(path, folder="images", name=lambda row: f"{row['index']:04d}.jpeg", text=False):
+    """Store the images of the first table as files."""
+    (path / folder).mkdir(parents=True, exist_ok=True)
+
+    def move(rows):
+        for row in rows:
+            (path / folder / name(row)).write_bytes(row[FRONT]["bytes"])
+            relative = f"{folder}/{name(row)}" if folder == "images" else name(row)
+            row[FRONT] = relative if text else {"bytes": None, "path": relative}
+        return rows
+
+    edit_rows(path, move)
+
+
+@pytest.mark.parametrize("text", [False, True])
+def test_images_may_be_paths(data_set, text):
+    path = data_set(video=False)
+    as_files(path, text=text)
+    assert taken(path) == (TRUE, "")
+    episode = read_lerobot(path, "")[0]
+    assert [file.name for file in episode.files] == ["file-000.parquet", *(f"{k:04d}.jpeg" for k in range(9))]
+    before = episode.sha256()
+    (path / "images/0002.jpeg").write_bytes(cv2.imencode(".png", shown(3, 3))[1].tobytes())
+    assert read_lerobot(path, "")[0].sha256() != before
+    (path / "images/0003.jpeg").unlink()
+    assert "an image file of" in taken(path)[0][0] and taken(path)[0][1:] == TRUE[1:]
+
+
+def test_images_may_lie_where_lerobot_records_them(data_set):
+    path = data_set(video=False, per_file=1)
+    as_files(path, f"images/{FRONT}/episode-000000", lambda row: f"frame-{row['frame_index']:06d}.png")
+    assert taken(path) == (TRUE, "")
+
+
+@pytest.mark.parametrize(
+    "name", ["../secret.png", "/secret.png", "link.png", "x/../../secret.png", "a\0b", "a\nb", "x" * 5000]
+)
+def test_no_image_outside_the_data_set_is_read(data_set, tmp_path, name):
+    path = data_set(video=False)
+    secret = tmp_path / "secret.png"
+    secret.write_bytes(cv2.imencode(".png", shown(0, 0))[1].tobytes())
+    (path / "link.png").symlink_to(secret)
+    name = str(secret) if name == "/secret.png" else name
+    edit_rows(path, lambda rows: [row | {FRONT: {"bytes": None, "path": name}} for row in rows])
+    found, _ = taken(path)
+    assert (
+        all("leads out of the dataset, and is not followed" in video for video in found[:2]) and found[2:] == TRUE[2:]
+    )
