@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from artifacts.checkpoint import checkpoint_path, read_checkpoint, remove_checkpoint, write_checkpoint
     from artifacts.errors import ArtifactError, IfoError, Interrupted, PlatformError, UsageError
     from artifacts.lineage import Ancestor, ancestors
-    from artifacts.paths import default_path, sha256_of, sibling, stem_of
+    from artifacts.paths import default_path, open_regular, sha256_of, sibling, stem_of
     from artifacts.pipeline import COMMANDS, STAGE_FILES
     from artifacts.recipe import recipe_difference, recipe_of
     from artifacts.schema import KINDS, DatasetSpec, KindSpec, Manifest, Parent
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from artifacts.video import (
         caption,
         contact_sheet,
+        image_size,
         open_video,
         read_mp4,
         read_png,
@@ -43,13 +44,14 @@ _MODULE_OF = {
         "pipeline": ("COMMANDS", "STAGE_FILES"),
         "recipe": ("recipe_difference", "recipe_of"),
         "schema": ("KINDS", "DatasetSpec", "KindSpec", "Manifest", "Parent"),
-        "paths": ("default_path", "sha256_of", "sibling", "stem_of"),
+        "paths": ("default_path", "open_regular", "sha256_of", "sibling", "stem_of"),
         "store": ("Artifact", "content_of", "is_unchanged", "read_artifact"),
         "tree": ("pack", "unpack"),
         "verification": ("VerifyReport", "verify_artifact"),
         "video": (
             "caption",
             "contact_sheet",
+            "image_size",
             "open_video",
             "read_mp4",
             "read_png",
@@ -87,7 +89,9 @@ __all__ = [
     "contact_sheet",
     "content_of",
     "default_path",
+    "image_size",
     "is_unchanged",
+    "open_regular",
     "open_video",
     "pack",
     "read_artifact",

@@ -12,7 +12,7 @@ import numpy as np
 
 from artifacts import ArtifactError
 from stages.datasets.frames import StoredFrames, as_picture, from_bytes, times_of
-from stages.footage.video import SMALLEST
+from stages.footage.container import SMALLEST
 
 if TYPE_CHECKING:
     import h5py

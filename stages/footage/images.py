@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from artifacts import ArtifactError
-from stages.footage.video import check_size
+from artifacts import ArtifactError, image_size, open_regular
+from stages.footage.container import MOST_PIXELS, check_size
 
 RATE = 25  # images per second
 ENDS = {b"\x89PNG": b"IEND", b"\xff\xd8": b"\xff\xd9"}  # leading -> trailing bytes of a complete PNG and JPEG
@@ -22,6 +22,7 @@ class ImageFolder:
         times: Timestamps (F,), seconds.
         duration: Seconds, including the last frame's duration.
         cut: Always empty: missing images of a folder cannot be detected.
+        damage: Always empty: damaged images are refused.
         rotation: Always 0: the decoder rotates images itself.
         notes: Remarks for the user.
     """
@@ -30,7 +31,7 @@ class ImageFolder:
         self.label, self._images = str(path), images
         self.times = np.arange(len(self._images)) / RATE
         self.duration = len(self._images) / RATE
-        self.cut, self.rotation = "", 0
+        self.cut, self.damage, self.rotation = "", "", 0
         self.notes: list[str] = []
 
     def pictures(self, indices: np.ndarray) -> Generator[tuple[float, np.ndarray], None, None]:
@@ -45,23 +46,30 @@ class ImageFolder:
 
 def _read(path: Path) -> np.ndarray:
     try:
-        data = path.read_bytes()
+        with open_regular(path) as file:
+            data = file.read()
     except OSError as error:
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error
+    if size := image_size(data):
+        check_size(str(path), *size)
     image = decoded(data)
     if image is None:
         raise ArtifactError(f"{path}: is not a complete PNG or JPEG: replace it, or remove it from the folder")
-    check_size(str(path), image.shape[1], image.shape[0])
     return image
 
 
 def decoded(data: bytes) -> np.ndarray | None:
-    """Decode a PNG or JPEG to an image (H, W, 3), RGB, uint8; None if the data is neither or is incomplete."""
+    """Decode a PNG or JPEG to an image (H, W, 3), RGB, uint8.
+
+    Returns:
+        None if the data is neither, is incomplete, or is larger than `MOST_PIXELS`.
+    """
     import cv2
 
     # Checked here because the decoder fills the missing part of a truncated JPEG with gray.
     end = next((end for start, end in ENDS.items() if data.startswith(start)), b"")
-    whole = bool(end) and data.rfind(end) >= len(data) // 2
+    width, height = image_size(data) or (0, 0)
+    whole = bool(end) and data.rfind(end) >= len(data) // 2 and 0 < width * height <= MOST_PIXELS
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if whole else None
     except cv2.error:
