@@ -20,7 +20,7 @@ MIN_HEIGHT = 192  # pixels; smaller videos are enlarged to at least this height
 LARGE = 128  # pixels; contact sheets enlarge frames up to this height
 GRID_WIDTH = 1536  # pixels; maximum width of an overview's MP4
 BACKGROUND = 255
-MOST_PIXELS, MOST_BYTES = 2**27, 2**30  # of an image; decoding it needs several bytes for each pixel
+MOST_PIXELS, MOST_BYTES = 2**27, 2**28  # of an image; decoding it needs several bytes for each pixel
 PNG_SIZE = struct.Struct(">II")  # width, height
 JPEG_SEGMENT = struct.Struct(">BBHxHH")  # 0xFF, type, length, bits per sample, height, width
 JPEG_SIZES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # types of the segments that record the size
@@ -71,6 +71,8 @@ def open_video(path: str | Path) -> Any:
       av.error.FFmpegError, OSError, ValueError: The file is missing, or not a video in one of `FORMATS`.
     """
     import av
+
+    open_regular(path).close()  # FFmpeg would wait for the writer of a pipe.
 
     # Up to version 18, metadata that is not UTF-8 raises an error by default; version 19 never raises.
     lenient: dict[str, Any] = {} if int(av.__version__.split(".")[0]) >= 19 else {"metadata_errors": "ignore"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import closing
@@ -59,11 +60,11 @@ class Importer:
         Raises:
             UsageError: --camera is missing for a dataset with several cameras, or is given without any dataset.
         """
-        found: dict[tuple[Path, str], Source] = {}
+        found: dict[tuple[str, str], Source] = {}
         for path in paths:
             try:
                 for source in find_episodes(path, self._config.camera) or find_videos(path):
-                    found.setdefault((source.path.resolve(), source.part), source)
+                    found.setdefault((os.path.realpath(source.path), source.part), source)
             except ArtifactError as error:
                 self._skip(str(path), error)
         sources = list(found.values())
@@ -264,10 +265,10 @@ def _stem(config: ImportConfig, run: RunOptions) -> str:
 
 def _check_not_an_input(out: Path, sources: Sequence[Source]) -> None:
     """Refuse an output that would replace one of the imported files."""
-    written = {sibling(out, suffix).resolve(): suffix for suffix in (".mp4", ".png", ".preview.png")}
-    written[out.resolve()] = ""
+    written = {os.path.realpath(sibling(out, suffix)): suffix for suffix in (".mp4", ".png", ".preview.png")}
+    written[os.path.realpath(out)] = ""
     for file in {file: None for source in sources for file in source.files}:
-        if file.resolve() in written:
+        if os.path.realpath(file) in written:
             raise UsageError(f"--out {out} would replace {file}, which is imported: choose another name")
 
 

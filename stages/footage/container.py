@@ -50,17 +50,13 @@ def _open(path: Path) -> Any:
     import av
 
     try:
-        if path.exists() and not path.is_file():  # FFmpeg would wait for the writer of a pipe.
-            raise ArtifactError(f"{path}: is not a regular file: expected a video")
-        if path.is_file():
-            check_claims(path)
+        check_claims(path)
         return open_video(path)
-    except PermissionError as error:
-        raise ArtifactError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error
-    except (av.error.FFmpegError, OSError, ValueError) as error:
-        empty = path.is_file() and not path.stat().st_size
-        what = "is empty" if empty else "is not a video, or is truncated"
+    except (av.error.FFmpegError, ValueError) as error:
+        what = "is not a video, or is truncated" if path.stat().st_size else "is empty"
         raise ArtifactError(f"{path}: {what}: expected MP4, MOV, AVI, WebM or GIF") from error
+    except OSError as error:
+        raise ArtifactError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error
 
 
 def _choose(path: Path, container: Any) -> Any:

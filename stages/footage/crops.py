@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import csv
+import io
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from artifacts import ArtifactError
+from artifacts import ArtifactError, open_regular
 from stages.config.demonstrations import Crop
 from stages.footage.sources import Source
 
+MOST_BYTES = 4 * 2**20
 COLUMNS = ("video", "x", "y", "w", "h")
 
 
@@ -25,8 +28,12 @@ def read_crops(path: Path, sources: Sequence[Source]) -> tuple[list[Crop], list[
     """
     rows: dict[str, Crop] = {}
     try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file, skipinitialspace=True)
+        with open_regular(path) as file:
+            data = file.read(MOST_BYTES + 1)
+        if len(data) > MOST_BYTES:
+            raise ArtifactError(f"{path}: is larger than {MOST_BYTES // 2**20} MB: expected a CSV of crops")
+        with io.StringIO(data.decode("utf-8-sig"), newline="") as text:
+            reader = csv.DictReader(text, skipinitialspace=True)
             if missing := [name for name in COLUMNS if name not in (reader.fieldnames or ())]:
                 raise ArtifactError(f"{path}: has no column {missing[0]!r}: expected {','.join(COLUMNS)} in line 1")
             for row in reader:
@@ -41,8 +48,8 @@ def read_crops(path: Path, sources: Sequence[Source]) -> tuple[list[Crop], list[
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}): expected a CSV of crops") from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise ArtifactError(f"{path}: is not a UTF-8 CSV file: expected a CSV of crops") from error
-    places = {(path.parent / name).resolve(): name for name in rows}
-    names = [places.get(source.path.resolve(), source.path.name) for source in sources]
+    places = {os.path.realpath(path.parent / name): name for name in rows}
+    names = [places.get(os.path.realpath(source.path), source.path.name) for source in sources]
     absent = list({str(source.path): None for source, name in zip(sources, names, strict=True) if name not in rows})
     if absent:
         others = f", nor for {len(absent) - 1} others" if len(absent) > 1 else ""

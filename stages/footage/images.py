@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Generator, Sequence
 from pathlib import Path
 
@@ -11,7 +12,9 @@ from artifacts import ArtifactError, image_size, open_regular
 from stages.footage.container import MOST_PIXELS, check_size
 
 RATE = 25  # images per second
-ENDS = {b"\x89PNG": b"IEND", b"\xff\xd8": b"\xff\xd9"}  # leading -> trailing bytes of a complete PNG and JPEG
+MOST_BYTES = 2**28  # of an image
+PNG, JPEG = b"\x89PNG", b"\xff\xd8"  # leading bytes
+JPEG_MARK = re.compile(rb"\xff+([^\x00\xd0-\xd7\xff])")  # not those within compressed data
 
 
 class ImageFolder:
@@ -47,12 +50,12 @@ class ImageFolder:
 def _read(path: Path) -> np.ndarray:
     try:
         with open_regular(path) as file:
-            data = file.read()
+            data = file.read(MOST_BYTES + 1)
     except OSError as error:
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error
     if size := image_size(data):
         check_size(str(path), *size)
-    image = decoded(data)
+    image = decoded(data) if len(data) <= MOST_BYTES else None
     if image is None:
         raise ArtifactError(f"{path}: is not a complete PNG or JPEG: replace it, or remove it from the folder")
     return image
@@ -66,12 +69,28 @@ def decoded(data: bytes) -> np.ndarray | None:
     """
     import cv2
 
-    # Checked here because the decoder fills the missing part of a truncated JPEG with gray.
-    end = next((end for start, end in ENDS.items() if data.startswith(start)), b"")
     width, height = image_size(data) or (0, 0)
-    whole = bool(end) and data.rfind(end) >= len(data) // 2 and 0 < width * height <= MOST_PIXELS
+    whole = 0 < width * height <= MOST_PIXELS and _is_complete(data)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if whole else None
     except cv2.error:
         image = None
     return None if image is None else image[..., ::-1]
+
+
+def _is_complete(data: bytes) -> bool:
+    """Whether a PNG or JPEG goes on to its end mark: the decoder fills the missing part of a JPEG with gray.
+
+    What follows the end mark is not part of the image: phones append a video.
+    """
+    at = len(PNG) + 4
+    while data.startswith(PNG) and at + 8 <= len(data):
+        if data[at + 4 : at + 8] == b"IEND":
+            return True
+        at += 12 + int.from_bytes(data[at : at + 4], "big")
+    at = len(JPEG)
+    while data.startswith(JPEG) and (mark := JPEG_MARK.search(data, at)):
+        if mark[1] == b"\xd9":
+            return True
+        at = mark.end() + int.from_bytes(data[mark.end() : mark.end() + 2], "big")
+    return False
