@@ -13,6 +13,8 @@ import numpy as np
 
 from stages.footage.container import opened
 
+HIDDEN = 2  # frames for which the previous image may stay on display
+WARM_UP = 32  # frames: twice as many as a decoder can keep to predict others from
 # Complaints about what is stored beside the images, which decoders log as errors.
 HARMLESS = ("SEI ", "sei ")
 
@@ -32,10 +34,18 @@ class Decoded:
 class ByStamp:
     """Reads frames by timestamp. Seeks to the last keyframe before a frame if that is ahead of the current position."""
 
-    def __init__(self, path: Path, keys: np.ndarray, wanted: Sequence[int], slack: float) -> None:
-        self._path, self._keys = path, keys
-        self._wanted, self._slack = frozenset(wanted), slack
+    def __init__(self, path: Path, keys: np.ndarray, wanted: Sequence[int], period: float) -> None:
+        """Args:
+        path: The file.
+        keys: Timestamps of the keyframes.
+        wanted: Timestamps of the frames that will be asked for.
+        period: Time between frames.
+        """
+        self._path, self._keys, self._wanted = path, keys, frozenset(wanted)
+        self._slack, self._warm_up = HIDDEN * period, WARM_UP * period
         self._open = ExitStack()
+        self._frames: _Forward
+        self._certain = True  # Whether nothing before the current position matters.
         self._go_to(None)
 
     def close(self) -> None:
@@ -50,6 +60,12 @@ class ByStamp:
         if key is not None and key > self._keys[0] and (held is None or key > held.position):
             self._go_to(key)
         found = self._on_display(stamp)
+        if found is not None and found.damaged and not self._certain:
+            # After seeking, a decoder may only miss what earlier frames left behind.
+            earlier = int(np.searchsorted(self._keys, stamp - self._warm_up, side="right")) - 1
+            self._go_to(int(self._keys[earlier]) if earlier > 0 else None)
+            self._certain = True
+            found = self._on_display(stamp)
         if found is None and self._sought:  # Seeking does not work in every file.
             self._go_to(None)
             found = self._on_display(stamp)
@@ -69,7 +85,7 @@ class ByStamp:
             self._container, self._stream = self._open.enter_context(opened(self._path))
         else:
             self._container.seek(key, stream=self._stream, backward=True)
-        self._sought = key is not None
+        self._sought, self._certain = key is not None, key is None
         self._damage = damage = Damage()
         frames = decoded(self._container, self._stream, damage, self._wanted)
         self._frames = _Forward(
@@ -146,12 +162,15 @@ class Damage:
 
     def __init__(self) -> None:
         self.now, self.lost = False, 0
+        self._unsure = False
         self._shown_from = -math.inf
         self._stamps: set[int] = set()
 
     def begin(self, packet: Any) -> None:
         """Take note of a packet that is decoded next."""
-        if not (self.now and packet.is_keyframe):
+        # Where a transport stream lost something, that may also be what follows the packet that is marked.
+        unsure, self._unsure = self._unsure, packet.is_corrupt
+        if not (self.now and packet.is_keyframe) or unsure:
             return
         if packet.pts is not None:
             self.now, self._shown_from = False, packet.pts
@@ -190,9 +209,9 @@ def decoded(container: Any, stream: Any, damage: Damage, wanted: frozenset[int] 
             needed = wanted is None or packet.pts is None or packet.pts in wanted
             context.skip_frame = "DEFAULT" if needed or external else "NONREF"
             damage.begin(packet)
-            frames, errors = ([], True) if packet.is_corrupt else _decode(packet, external)
+            frames, errors = _decode(packet, external)
             damage.lost += errors and not frames
-            damage.end(packet, errors)
+            damage.end(packet, errors or packet.is_corrupt)
             yield from frames
     except av.error.FFmpegError:
         return

@@ -70,11 +70,17 @@ def scan_packets(path: Path, container: Any, stream: Any) -> Scan:
             if packet.is_corrupt:
                 unsure[stamp] = packet.duration or 0
                 continue
+            if decoded_at is not None and packet.dts is not None and packet.dts < decoded_at - 1 / packet.time_base:
+                at = float(decoded_at * packet.time_base)
+                raise ArtifactError(
+                    f"{path}: its time stamps go back after {at:.2f} s: repair it, for example with "
+                    "ffmpeg -i OLD -c copy NEW"
+                )
             decoded_at = decoded_at if packet.dts is None else packet.dts
+            if packet.is_keyframe and not unsure:  # What was lost before it may reach beyond it: see Damage.
+                keys.append(stamp)
             stamps |= unsure | {stamp: packet.duration or 0}
             unsure.clear()
-            if packet.is_keyframe:
-                keys.append(stamp)
     except av.error.FFmpegError:
         broken = True
     cut = _what_is_cut(path, container, stream, packets - len(unsure), broken or bool(unsure), ends)

@@ -79,7 +79,7 @@ class VideoFile:
         if self._by_count:
             reader = ByCount(self.path, self._skipped)
         else:
-            reader = ByStamp(self.path, self._keys, wanted, 2 * self._period)
+            reader = ByStamp(self.path, self._keys, wanted, self._period)
         with closing(reader):
             for index, what in zip(indices, wanted, strict=True):
                 found = reader.frame(what)

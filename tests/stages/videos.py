@@ -57,6 +57,10 @@ def write_video(
     audio: int = 0,
     rate: int = FPS,
     metadata: dict[str, str] | None = None,
+    matrix: int = 0,
+    full: bool = False,
+    tags: dict[str, int] | None = None,
+    began: float = 0,
 ) -> Path:
     """Write `count` frames, 10 a second.
 
@@ -68,6 +72,10 @@ def write_video(
         audio: Seconds of sound beside it.
         rate: Frames a second in place of 10.
         metadata: Title and the like.
+        matrix: The matrix that makes YUV of the colors, as numbered in H.273 and by swscale; 0 for BT.601.
+        full: Whether values use their full range.
+        tags: What the file says of its colors: color_primaries, color_trc, colorspace, color_range.
+        began: Seconds at which the first frame is shown.
     """
     with av.open(str(path), "w", options=container or {}) as file:
         file.metadata.update(metadata or {})
@@ -77,6 +85,8 @@ def write_video(
         stream.options = options or {}
         if stretch > 1:
             stream.codec_context.sample_aspect_ratio = Fraction(stretch)
+        for name, value in (tags or {}).items():
+            setattr(stream.codec_context, name, value)
         if milliseconds:
             stream.codec_context.time_base = Fraction(1, 1000)
         sound = file.add_stream("aac", rate=16000, layout="mono") if audio else None
@@ -88,6 +98,13 @@ def write_video(
                 frame.pts, frame.time_base = milliseconds[k], Fraction(1, 1000)
             if pixels == "rgb8":
                 frame = frame.reformat(format=pixels)
+            if matrix or full:
+                ranges = {"src_color_range": 2, "dst_color_range": 2 if full else 1}
+                frame = frame.reformat(format=pixels, dst_colorspace=matrix or 5, **ranges)
+            for name, value in (tags or {}).items():
+                setattr(frame, name, value)
+            if began:
+                frame.pts, frame.time_base = k + round(began * rate), Fraction(1, rate)
             file.mux(stream.encode(frame))
         file.mux(stream.encode())
         if audio:
