@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from artifacts.errors import ArtifactError, IfoError, Interrupted, PlatformError, UsageError
     from artifacts.kinds import KINDS, DatasetSpec, KindSpec
     from artifacts.lineage import Ancestor, ancestors
-    from artifacts.paths import default_path, sha256_of, sibling, stem_of
+    from artifacts.paths import default_path, open_regular, sha256_of, sibling, stem_of
     from artifacts.pipeline import COMMANDS, STAGE_FILES
     from artifacts.recipe import recipe_difference, recipe_of
     from artifacts.schema import Manifest, Parent
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from artifacts.video import (
         caption,
         contact_sheet,
+        image_size,
         open_video,
         read_mp4,
         read_png,
@@ -45,13 +46,14 @@ _MODULE_OF = {
         "recipe": ("recipe_difference", "recipe_of"),
         "kinds": ("KINDS", "DatasetSpec", "KindSpec"),
         "schema": ("Manifest", "Parent"),
-        "paths": ("default_path", "sha256_of", "sibling", "stem_of"),
+        "paths": ("default_path", "open_regular", "sha256_of", "sibling", "stem_of"),
         "store": ("Artifact", "content_of", "is_unchanged", "read_artifact"),
         "tree": ("pack", "unpack"),
         "verification": ("VerifyReport", "verify_artifact"),
         "video": (
             "caption",
             "contact_sheet",
+            "image_size",
             "open_video",
             "read_mp4",
             "read_png",
@@ -89,7 +91,9 @@ __all__ = [
     "contact_sheet",
     "content_of",
     "default_path",
+    "image_size",
     "is_unchanged",
+    "open_regular",
     "open_video",
     "pack",
     "read_artifact",

@@ -6,6 +6,7 @@ import errno
 import hashlib
 import os
 import stat
+from io import BufferedReader
 from pathlib import Path
 
 from artifacts.errors import ArtifactError
@@ -19,8 +20,7 @@ def sha256_of(path: str | Path) -> str:
     Raises:
       OSError: It cannot be read, or is no regular file: a pipe would never end, or be empty the next time.
     """
-    check_regular(path)
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
@@ -75,6 +75,24 @@ def files_below(folder: str | Path, ending: str) -> list[Path]:
         except OSError as error:
             raise ArtifactError(f"{current}: cannot be read ({error.strerror}): check its permissions") from error
     return sorted(found)
+
+
+def open_regular(path: str | Path) -> BufferedReader:
+    """Open a file for reading.
+
+    Raises:
+      OSError: It cannot be read, or is a pipe or a device, from which reading might never end.
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # Opening a pipe would wait for its writer.
+    try:
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EINVAL, "not a regular file", str(path))
+        return open(descriptor, "rb")
+    except OSError:
+        os.close(descriptor)
+        raise
 
 
 def default_path(runs: str | Path, name: str, kind: str) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -13,12 +14,16 @@ import numpy as np
 from artifacts.atomic import atomic_path, write_bytes
 from artifacts.encoding import CRF
 from artifacts.errors import ArtifactError
-from artifacts.paths import sibling
+from artifacts.paths import open_regular, sibling
 
 MIN_HEIGHT = 192  # pixels; smaller videos are enlarged to at least this height
 LARGE = 128  # pixels; contact sheets enlarge frames up to this height
 GRID_WIDTH = 1536  # pixels; maximum width of an overview's MP4
 BACKGROUND = 255
+MOST_PIXELS, MOST_BYTES = 2**27, 2**28  # of an image; decoding it needs several bytes for each pixel
+PNG_SIZE = struct.Struct(">II")  # width, height
+JPEG_SEGMENT = struct.Struct(">BBHxHH")  # 0xFF, type, length, bits per sample, height, width
+JPEG_SIZES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # types of the segments that record the size
 INK = (0, 0, 0)
 # The containers that can be read. Others are refused, because a playlist named x.mp4 would make FFmpeg open any file or
 # address that it lists.
@@ -66,6 +71,8 @@ def open_video(path: str | Path) -> Any:
       av.error.FFmpegError, OSError, ValueError: The file is missing, or not a video in one of `FORMATS`.
     """
     import av
+
+    open_regular(path).close()  # FFmpeg would wait for the writer of a pipe.
 
     # Up to version 18, metadata that is not UTF-8 raises an error by default; version 19 never raises.
     lenient: dict[str, Any] = {} if int(av.__version__.split(".")[0]) >= 19 else {"metadata_errors": "ignore"}
@@ -124,13 +131,34 @@ def read_png(path: str | Path) -> np.ndarray:
     import cv2
 
     try:
-        data = np.frombuffer(Path(path).read_bytes(), np.uint8)
+        with open_regular(path) as file:
+            data = file.read(MOST_BYTES + 1)
     except OSError as error:
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}): expected a PNG") from error
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    size = image_size(data)
+    if size and size[0] * size[1] > MOST_PIXELS:
+        raise ArtifactError(f"{path}: its image has {size[0]}x{size[1]} pixels: expected at most {MOST_PIXELS}")
+    try:
+        complete = size is not None and len(data) <= MOST_BYTES
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if complete else None
+    except cv2.error:
+        image = None
     if image is None:
         raise ArtifactError(f"{path}: cannot be read as an image: expected a PNG")
     return np.ascontiguousarray(image[..., ::-1])
+
+
+def image_size(data: bytes) -> tuple[int, int] | None:
+    """Width and height that the header of a PNG or JPEG records; None if the data is neither."""
+    if data.startswith(b"\x89PNG"):
+        return PNG_SIZE.unpack_from(data, 16) if data[12:16] == b"IHDR" and len(data) >= 24 else None
+    at = 2
+    while data.startswith(b"\xff\xd8") and at + JPEG_SEGMENT.size <= len(data) and data[at] == 0xFF:
+        _, kind, length, height, width = JPEG_SEGMENT.unpack_from(data, at)
+        if kind in JPEG_SIZES:
+            return width, height
+        at += 1 if kind == 0xFF else 2 + length  # 0xFF is padding.
+    return None
 
 
 def tile_videos(

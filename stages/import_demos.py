@@ -122,6 +122,11 @@ class Importer:
                     elif picture.shape[:2] != shape:
                         raise ArtifactError(f"{source.label}: image size changes midway: convert it to one size")
                     frames[k] = reduced(picture, crop, self.size)
+            if footage.damage and self._config.strict:
+                raise ArtifactError(
+                    f"{source.label}: {footage.damage}: replace the file, or choose another segment with --start and "
+                    "--end"
+                )
             record = {
                 "name": _name(source.label),
                 **({"camera": source.camera} if source.camera else {}),
@@ -183,6 +188,8 @@ class Importer:
             self.notes[f"crops whose aspect ratio differs from {self._config.size} are distorted"].append(name)
         if footage.cut:
             self.notes["truncated or damaged, but complete in the selected segment"].append(name)
+        if footage.damage:
+            self._run.progress.say(f"{source.label}: {footage.damage} (--strict: refuse it)")
         for note in footage.notes:
             self.notes[note].append(name)
 

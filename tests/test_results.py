@@ -14,6 +14,7 @@ from stages.reporting.counting import count_once
 from stages.reporting.paper import ROBOT, SUCCESS
 from stages.reporting.rows import COLUMNS, as_csv, csv_text, read_runs, row
 from stages.reproduction.plan import METHODS, Grid
+from tests.stages.footage.catalog import MEDIA
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results"
@@ -103,3 +104,10 @@ def test_a_file_under_another_methods_name_is_refused(script):
     assert len(runs_of(evaluation)) == 1
     with pytest.raises(SystemExit, match="learned with starts None, expected 3"):
         runs_of(evaluation, ("--starts", 3))
+
+
+def test_the_table_of_media_files_is_of_all_of_them():
+    rows = markdown_table(RESULTS / "footage.md", "| file | what it is |")
+    assert [cells[0] for cells in rows] == list(MEDIA)
+    assert [cells[1] for cells in rows] == [media.what for media in MEDIA.values()]
+    assert {cells[-1] for cells in rows} == {"agrees", "agrees, and says so", "told", "refused"}

@@ -16,6 +16,7 @@ from stages.config.names import CAMERA, CONTEXTS, EXPORT_FORMATS, FRAME_SIDES, P
 MOST_FRAMES = 1000
 MOST_FPS = 1000
 WORST_CRF = 51
+SHOWN = 60  # characters of a wrong value that a message shows
 
 
 @dataclass(frozen=True)
@@ -69,11 +70,10 @@ class Crop(NamedTuple):
     @classmethod
     def of(cls, words: Sequence[str]) -> Crop | None:
         """Return the rectangle given by four words; None: they are not a rectangle."""
-        try:
-            crop = cls(*map(int, words))
-        except (ValueError, TypeError):
+        if len(words) != 4 or not all(re.fullmatch(r"\s*[0-9]{1,6}\s*", word) for word in words):
             return None
-        return crop if crop.x >= 0 and crop.y >= 0 and crop.w > 0 and crop.h > 0 else None
+        crop = cls(*map(int, words))
+        return crop if crop.w > 0 and crop.h > 0 else None
 
 
 def parse_crop(text: str) -> Crop:
@@ -84,7 +84,8 @@ def parse_crop(text: str) -> Crop:
     """
     crop = Crop.of(text.split(","))
     if crop is None:
-        raise UsageError(f"--crop {text!r}: expected X,Y,W,H in whole pixels, for example 200,0,720,720")
+        shown = repr(text if len(text) <= SHOWN else f"{text[:SHOWN]}...")
+        raise UsageError(f"--crop {shown}: expected X,Y,W,H in whole pixels, for example 200,0,720,720")
     return crop
 
 

@@ -28,6 +28,7 @@ class StoredFrames:
         duration: Seconds, including the last frame's duration.
         cut: Description of what is missing; empty if the episode is complete.
         rotation: Always 0.
+        damage: Always empty: damaged images are refused.
         notes: Remarks for the user.
     """
 
@@ -43,7 +44,7 @@ class StoredFrames:
         self.times = times - times[0] if len(times) else times
         last = float(self.times[-1]) if len(times) else 0.0
         self.duration = last + (float(np.median(np.diff(times))) if len(times) > 1 else 0.0)
-        self.rotation = 0
+        self.rotation, self.damage = 0, ""
         self.notes = list(notes)
 
     def pictures(self, indices: np.ndarray) -> Generator[tuple[float, np.ndarray], None, None]:

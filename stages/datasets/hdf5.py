@@ -14,7 +14,7 @@ from artifacts import ArtifactError
 from stages.datasets.episode import check_is_there, is_plain, reason_of
 from stages.datasets.frames import StoredFrames, as_picture, check_picture_size, from_bytes, times_of
 from stages.datasets.hdf5_chunks import LARGEST_CHUNK, StoredArray
-from stages.footage.video import SMALLEST
+from stages.footage.container import SMALLEST
 
 if TYPE_CHECKING:
     import h5py

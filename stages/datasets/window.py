@@ -45,6 +45,11 @@ class VideoWindow:
         return self._video.rotation
 
     @property
+    def damage(self) -> str:
+        """Description of the damage that has reached the images read last; empty if none has."""
+        return self._video.damage
+
+    @property
     def notes(self) -> list[str]:
         """Remarks for the user, collected while reading."""
         return self._notes + self._video.notes

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import csv
+import io
 import os
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from artifacts import ArtifactError
+from artifacts import ArtifactError, open_regular
 from stages.config.demonstrations import Crop
 from stages.footage.sources import Source
 
+MOST_BYTES = 4 * 2**20
 COLUMNS = ("video", "x", "y", "w", "h")
 
 
@@ -24,12 +26,14 @@ def read_crops(path: Path, sources: Sequence[Source]) -> tuple[list[Crop], list[
     Raises:
         ArtifactError: The file cannot be read, or a video has no row or more than one.
     """
-    if os.path.exists(path) and not os.path.isfile(path):
-        raise ArtifactError(f"{path}: is not a regular file: expected a CSV of crops")
     rows: dict[str, Crop] = {}
     try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file, skipinitialspace=True)
+        with open_regular(path) as file:
+            data = file.read(MOST_BYTES + 1)
+        if len(data) > MOST_BYTES:
+            raise ArtifactError(f"{path}: is larger than {MOST_BYTES // 2**20} MB: expected a CSV of crops")
+        with io.StringIO(data.decode("utf-8-sig"), newline="") as text:
+            reader = csv.DictReader(text, skipinitialspace=True)
             if missing := [name for name in COLUMNS if name not in (reader.fieldnames or ())]:
                 raise ArtifactError(f"{path}: has no column {missing[0]!r}: expected {','.join(COLUMNS)} in line 1")
             for row in reader:

@@ -32,6 +32,10 @@ class Footage(Protocol):
         """Counterclockwise rotation applied to images, degrees; known after the first image was read."""
 
     @property
+    def damage(self) -> str:
+        """Description of the damage that has reached the images read last; empty if none has."""
+
+    @property
     def notes(self) -> list[str]:
         """Remarks for the user, collected while reading."""
 

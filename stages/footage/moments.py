@@ -45,7 +45,8 @@ def choose_frames(footage: Footage, wanted: Segment) -> tuple[np.ndarray, int]:
     if wanted.end > duration + ROUNDING:
         raise ArtifactError(f"{label}: is {duration:.2f} s long, less than --end {wanted.end:g}")
     if wanted.fps:
-        at = wanted.start + np.arange(wanted.frames) / wanted.fps
+        with np.errstate(over="ignore"):  # Infinity is past the end, too.
+            at = wanted.start + np.arange(wanted.frames) / wanted.fps
     else:
         at = np.linspace(wanted.start, wanted.end or max(times[-1], wanted.start), wanted.frames)
     behind = int((at >= duration - ROUNDING).sum()) if wanted.fps else 0

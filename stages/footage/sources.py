@@ -80,8 +80,8 @@ def find_videos(path: Path) -> list[Source]:
             if not path.is_file():
                 raise ArtifactError(f"{path}: is not a regular file: expected a video or a folder of videos or images")
             return [Source(path)]
-        # Keep broken links: opening them reports that they cannot be read.
-        files = sorted((file for file in path.iterdir() if file.is_file() or not file.exists()), key=natural_order)
+        # Keep broken links, pipes and devices: opening them reports that they cannot be read.
+        files = sorted((file for file in path.iterdir() if not file.is_dir()), key=natural_order)
     except OSError as error:
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error
     files = [file for file in files if not file.name.startswith(".")]

@@ -288,7 +288,7 @@ def test_preview_shows_the_crop_and_writes_nothing_else(ifo, folder, tmp_path):
     assert ((sheet == (220, 0, 0)).all(axis=-1)).sum() > len(GOOD) * 4 * 100
 
 
-@pytest.mark.parametrize("crop", ["30,0,48,48", f"0,0,{10**15},9"])
+@pytest.mark.parametrize("crop", ["30,0,48,48", "0,0,999999,9"])
 def test_preview_shows_a_crop_that_reaches_beyond_the_picture(ifo, folder, crop):
     code, result, said = ifo(folder / "b-frames.mp4", "--preview", "--crop", crop)
     assert code == 0 and "extends beyond its image of 64x48" in said

@@ -8,10 +8,11 @@ import av
 import numpy as np
 import pytest
 
-import stages.footage.video as video_module
+import stages.footage.decoding as decoding_module
 from artifacts import ArtifactError, read_mp4
+from stages.footage.display import orientation
 from stages.footage.sources import find_videos, natural_order
-from stages.footage.video import VideoFile, _orientation
+from stages.footage.video import VideoFile
 from tests.stages.videos import X265, number_in, write_video
 
 COUNT = 60  # frames
@@ -44,9 +45,9 @@ def test_frames_are_the_same_however_far_apart(name, tmp_path):
 def test_only_what_is_wanted_is_decoded(tmp_path, monkeypatch):
     """A few key frames of a long video need no others."""
     path = write_video(tmp_path / "x.mp4", count=COUNT, options={"g": "10", "sc_threshold": "0"})
-    decoded, real = [], video_module._decoded
+    decoded, real = [], decoding_module.decoded
     monkeypatch.setattr(
-        video_module, "_decoded", lambda *words: map(lambda f: decoded.append(f.pts) or f, real(*words))
+        decoding_module, "decoded", lambda *words: map(lambda f: decoded.append(f.pts) or f, real(*words))
     )
     assert len(list(VideoFile(path).pictures(np.array([0, 20, 51])))) == 3
     assert len(decoded) < 8
@@ -81,7 +82,7 @@ def test_orientation(matrix, expected):
     a, b, c, d = (65536 * value for value in matrix)
 
     side_data = {"DISPLAYMATRIX": np.array([a, b, 0, c, d, 0, 0, 0, 1 << 30], "<i4").tobytes()}
-    mirrored, angle = _orientation(SimpleNamespace(side_data=side_data))
+    mirrored, angle = orientation(SimpleNamespace(side_data=side_data))
     assert (mirrored, angle % 360) == (expected[0], expected[1] % 360)
 
 
@@ -100,10 +101,10 @@ def test_orientation_without_side_data(turns, tmp_path):
     path = write_video(tmp_path / "x.mp4", turns=turns, count=2)
     with av.open(str(path)) as file:
         frame = next(file.decode(video=0))
-    mirrored, angle = _orientation(frame)
+    mirrored, angle = orientation(frame)
     assert (mirrored, angle % 360) == (False, 90 * turns)
-    assert _orientation(Unnamed(frame)) == (mirrored, pytest.approx(angle, abs=1)) or turns == 2
-    assert round(_orientation(Unnamed(frame))[1] / 90) % 4 == turns
+    assert orientation(Unnamed(frame)) == (mirrored, pytest.approx(angle, abs=1)) or turns == 2
+    assert round(orientation(Unnamed(frame))[1] / 90) % 4 == turns
 
 
 @pytest.mark.parametrize("name", ["x.mp4", "x.mkv", "x.avi"])

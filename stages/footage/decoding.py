@@ -1,0 +1,240 @@
+"""Decodes the frames of a video that are wanted, and tells which of them damage has reached."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stages.footage.container import opened
+
+HIDDEN = 2  # frames for which the previous image may stay on display
+WARM_UP = 32  # frames: twice as many as a decoder can keep to predict others from
+# Complaints about what is stored beside the images, which decoders log as errors.
+HARMLESS = ("SEI ", "sei ")
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """A frame, its position (timestamp or number), and whether damage has reached it.
+
+    Damage has reached a frame if it, or a frame that it was predicted from, is concealed or lost.
+    """
+
+    position: int
+    frame: Any
+    damaged: bool
+
+
+class ByStamp:
+    """Reads frames by timestamp. Seeks to the last keyframe before a frame if that is ahead of the current position."""
+
+    def __init__(self, path: Path, keys: np.ndarray, wanted: Sequence[int], period: float) -> None:
+        """Args:
+        path: The file.
+        keys: Timestamps of the keyframes.
+        wanted: Timestamps of the frames that will be asked for.
+        period: Time between frames.
+        """
+        self._path, self._keys, self._wanted = path, keys, frozenset(wanted)
+        self._slack, self._warm_up = HIDDEN * period, WARM_UP * period
+        self._open = ExitStack()
+        self._frames: _Forward
+        self._certain = True  # Whether nothing before the current position matters.
+        self._go_to(None)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._open.close()
+
+    def frame(self, stamp: int) -> Decoded | None:
+        """Return the frame on display at this timestamp, later than the previous one; None if it cannot be decoded."""
+        before = np.searchsorted(self._keys, stamp, side="right")
+        key = int(self._keys[before - 1]) if before else None
+        held = self._frames.held
+        if key is not None and key > self._keys[0] and (held is None or key > held.position):
+            self._go_to(key)
+        found = self._on_display(stamp)
+        if found is not None and found.damaged and not self._certain:
+            # After seeking, a decoder may only miss what earlier frames left behind.
+            earlier = int(np.searchsorted(self._keys, stamp - self._warm_up, side="right")) - 1
+            self._go_to(int(self._keys[earlier]) if earlier > 0 else None)
+            self._certain = True
+            found = self._on_display(stamp)
+        if found is None and self._sought:  # Seeking does not work in every file.
+            self._go_to(None)
+            found = self._on_display(stamp)
+        return found
+
+    def _on_display(self, stamp: int) -> Decoded | None:
+        found = self._frames.at(stamp)
+        # Some packets have no image (hidden frames): the previous image stays on display.
+        if found is None or stamp - found.position > self._slack:
+            return None
+        return replace(found, damaged=found.damaged or self._damage.reached(stamp))
+
+    def _go_to(self, key: int | None) -> None:
+        """Continue at a keyframe; None reopens the file, because some files cannot seek back to the beginning."""
+        if key is None:
+            self._open.close()
+            self._container, self._stream = self._open.enter_context(opened(self._path))
+        else:
+            self._container.seek(key, stream=self._stream, backward=True)
+        self._sought, self._certain = key is not None, key is None
+        self._damage = damage = Damage()
+        frames = decoded(self._container, self._stream, damage, self._wanted)
+        self._frames = _Forward(
+            Decoded(frame.pts, frame, frame.is_corrupt or damage.reached(frame.pts))
+            for frame in frames
+            if frame.pts is not None
+        )
+
+
+class ByCount:
+    """Reads frames by number, decoding from the beginning: for containers without presentation times."""
+
+    def __init__(self, path: Path, skipped: int) -> None:
+        """Args:
+        path: The file.
+        skipped: Number of frames at the beginning that are not counted, because they come before a keyframe.
+        """
+        self._open = ExitStack()
+        self._damage = damage = Damage()
+        container, stream = self._open.enter_context(opened(path))
+        # Packets that were lost have a number, too.
+        self._frames = _Forward(
+            Decoded(count + damage.lost - skipped, frame, frame.is_corrupt or damage.now)
+            for count, frame in enumerate(decoded(container, stream, damage, None))
+        )
+
+    def close(self) -> None:
+        """Close the file."""
+        self._open.close()
+
+    def frame(self, number: int) -> Decoded | None:
+        """Return the frame with this number, from 0, later than the previous one; None if the video ends before it."""
+        found = self._frames.at(number)
+        if found is None or self._frames.ended:
+            return None
+        return replace(found, damaged=found.damaged or found.position != number)
+
+
+class _Forward:
+    """Goes forward through frames in order of their positions.
+
+    Attributes:
+        held: The frame on display; None at the beginning.
+        ended: Whether there are no frames at or after the last position that was asked for.
+    """
+
+    def __init__(self, frames: Iterator[Decoded]) -> None:
+        self._frames = frames
+        self._next: Decoded | None = None
+        self.held: Decoded | None = None
+        self.ended = False
+
+    def at(self, position: int) -> Decoded | None:
+        """Return the last frame that is not after the position; None if there is none."""
+        while self.held is None or self.held.position != position:
+            if self._next is None:
+                self._next = next(self._frames, None)
+            self.ended = self._next is None
+            if self._next is None or self._next.position > position:
+                break
+            self.held, self._next = self._next, None
+        return self.held
+
+
+class Damage:
+    """Which frames damage has reached, from what the decoder reports packet by packet.
+
+    It lasts until the next keyframe, and reaches frames that are stored after that but shown before it.
+
+    Attributes:
+        now: Whether it reaches what is decoded now.
+        lost: Number of packets that could not be decoded.
+    """
+
+    def __init__(self) -> None:
+        self.now, self.lost = False, 0
+        self._unsure = False
+        self._shown_from = -math.inf
+        self._stamps: set[int] = set()
+
+    def begin(self, packet: Any) -> None:
+        """Take note of a packet that is decoded next."""
+        # Where a transport stream lost something, that may also be what follows the packet that is marked.
+        unsure, self._unsure = self._unsure, packet.is_corrupt
+        if not (self.now and packet.is_keyframe) or unsure:
+            return
+        if packet.pts is not None:
+            self.now, self._shown_from = False, packet.pts
+        elif not packet.stream.codec_context.has_b_frames:
+            self.now = False
+
+    def end(self, packet: Any, damaged: bool) -> None:
+        """Take note of what decoding the packet showed."""
+        self.now |= damaged
+        if packet.pts is not None and (self.now or packet.pts < self._shown_from):
+            self._stamps.add(packet.pts)
+
+    def reached(self, stamp: int) -> bool:
+        """Whether it reached the frame with this timestamp, which was decoded before."""
+        return stamp in self._stamps
+
+
+def decoded(container: Any, stream: Any, damage: Damage, wanted: frozenset[int] | None) -> Iterator[Any]:
+    """Yield frames from the current position.
+
+    Args:
+        container: PyAV's container.
+        stream: Its video stream.
+        damage: Filled with what decoding shows.
+        wanted: Timestamps of the frames to decode, in addition to reference frames; None for all.
+    """
+    import av
+
+    context = stream.codec_context
+    # External decoders (libdav1d for AV1) read skip_frame only once, when they are opened.
+    external = context.name.startswith("lib")
+    try:
+        for packet in container.demux(stream):
+            if not packet.size and packet.dts is not None:
+                continue  # A dropped frame of an AVI; a decoder would take it for the end of the file.
+            needed = wanted is None or packet.pts is None or packet.pts in wanted
+            context.skip_frame = "DEFAULT" if needed or external else "NONREF"
+            damage.begin(packet)
+            frames, errors = _decode(packet, external)
+            damage.lost += errors and not frames
+            damage.end(packet, errors or packet.is_corrupt)
+            yield from frames
+    except av.error.FFmpegError:
+        return
+
+
+def _decode(packet: Any, external: bool) -> tuple[list[Any], bool]:
+    """The frames that a decoder returns for a packet, and whether it reports errors.
+
+    FFmpeg's own decoders conceal what is damaged and report it only to the log. External decoders refuse it; theirs is
+    not read, because it would come from threads that PyAV does not wait for.
+    """
+    import av
+
+    level, repeated = av.logging.get_level(), av.logging.get_skip_repeated()
+    try:
+        if not external:
+            av.logging.set_skip_repeated(False)
+            av.logging.set_level(av.logging.ERROR)
+        with av.logging.Capture(local=False) as lines:
+            frames = packet.decode()
+    except av.error.FFmpegError:
+        return [], True
+    finally:
+        av.logging.set_level(level)
+        av.logging.set_skip_repeated(repeated)
+    return frames, any(not message.startswith(HARMLESS) for _, _, message in lines)

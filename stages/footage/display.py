@@ -1,0 +1,96 @@
+"""Turns decoded frames into images as a player displays them: colors, square pixels, upright."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+STRETCH = 8  # a larger pixel aspect ratio is taken for a wrong header entry
+HD_WIDTH, HD_HEIGHT = 1280, 577  # pixels; from here on, players take video without color information for BT.709
+UNSPECIFIED, BT709 = 2, 1  # in H.273, which numbers primaries, transfer characteristics and matrices
+SRGB = 13  # transfer characteristics
+HDR = {16: "PQ", 18: "HLG"}  # transfer characteristics
+WIDE = (9, 11, 12)  # primaries: BT.2020, DCI-P3, Display P3
+
+
+class Display:
+    """Shows the frames of one video.
+
+    Attributes:
+        rotation: Counterclockwise rotation applied to the last image, degrees.
+        notes: Remarks for the user.
+    """
+
+    def __init__(self, aspect: float) -> None:
+        """Args:
+        aspect: Width of a pixel divided by its height.
+        """
+        self.stretch = aspect if 1 / STRETCH <= aspect <= STRETCH else 1.0
+        self.rotation = 0
+        self.notes: list[str] = []
+
+    def image(self, frame: Any) -> np.ndarray:
+        """The frame as a player displays it, (H, W, 3), RGB, uint8."""
+        if frame.interlaced_frame:
+            self._say("interlaced: each frame mixes lines from two points in time")
+        picture = self._in_rgb(frame, max(round(frame.width * self.stretch), 1)).to_ndarray()
+        mirrored, angle = orientation(frame)
+        turns = round(angle / 90)
+        self.rotation = 90 * turns % 360
+        return np.rot90(picture[:, ::-1] if mirrored else picture, turns)
+
+    def _in_rgb(self, frame: Any, width: int) -> Any:
+        options: dict[str, Any] = {"width": width, "format": "rgb24"}
+        if frame.colorspace == UNSPECIFIED and not _is_rgb(frame) and _is_hd(frame):
+            options["src_colorspace"] = "ITU709"
+            self._say("HD without color information is read as BT.709, as players do")
+        transfer = HDR.get(frame.color_trc)
+        if transfer or frame.color_primaries in WIDE:
+            kind = f"HDR ({transfer})" if transfer else "wide-gamut video"
+            converted = {"dst_color_trc": SRGB, "dst_color_primaries": BT709}
+            try:
+                shown = _reformatter().reformat(frame, **options, **converted)
+            except TypeError:  # PyAV before 17
+                self._say(f"{kind} is not converted by this version of PyAV, and looks pale: install av 17 or later")
+            else:
+                self._say(f"{kind} is converted to SDR")
+                return shown
+        return frame.reformat(**options)
+
+    def _say(self, note: str) -> None:
+        if note not in self.notes:
+            self.notes.append(note)
+
+
+@cache
+def _reformatter() -> Any:
+    """Converts HDR. It is shared because it computes its color table anew only for frames of another kind."""
+    from av.video.reformatter import VideoReformatter
+
+    return VideoReformatter()
+
+
+def _is_rgb(frame: Any) -> bool:
+    return frame.format.is_rgb or frame.format.has_palette
+
+
+def _is_hd(frame: Any) -> bool:
+    return frame.width >= HD_WIDTH or frame.height >= HD_HEIGHT
+
+
+def orientation(frame: Any) -> tuple[bool, float]:
+    """Whether to mirror the frame horizontally, and by how many degrees to rotate it counterclockwise afterwards."""
+    try:
+        matrix = frame.side_data.get("DISPLAYMATRIX")
+    except ValueError:  # PyAV does not know this kind of side data, but still provides the angle.
+        return False, float(frame.rotation)
+    if matrix is None:
+        return False, 0.0
+    a, b, _, c, d = np.frombuffer(bytes(matrix), "<i4")[:5].astype(float)
+    mirrored = a * d - b * c < 0
+    if mirrored:
+        a, b = -a, -b
+    return mirrored, -math.degrees(math.atan2(b, a))
