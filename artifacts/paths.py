@@ -13,6 +13,8 @@ from artifacts.errors import ArtifactError
 from artifacts.kinds import KINDS
 from artifacts.schema import Parent
 
+NOT_REGULAR = "it is a pipe, socket or device, not a regular file"
+
 
 def sha256_of(path: str | Path) -> str:
     """Return the SHA-256 of a file's bytes, in hexadecimal.
@@ -37,7 +39,7 @@ def check_regular(path: str | Path) -> None:
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(mode):
-        raise OSError(errno.EINVAL, "it is a pipe, socket or device, not a file")
+        raise OSError(errno.EINVAL, NOT_REGULAR)
 
 
 def is_missing(path: str | Path) -> bool:
@@ -83,12 +85,16 @@ def open_regular(path: str | Path) -> BufferedReader:
     Raises:
       OSError: It cannot be read, or is a pipe or a device, from which reading might never end.
     """
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # Opening a pipe would wait for its writer.
+    try:
+        # Without O_NONBLOCK, opening a pipe would wait for its writer.
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except ValueError as error:  # a NUL character
+        raise OSError(errno.EINVAL, os.strerror(errno.EINVAL)) from error
     try:
         if stat.S_ISDIR(os.fstat(descriptor).st_mode):
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-            raise OSError(errno.EINVAL, "not a regular file", str(path))
+            raise OSError(errno.EINVAL, NOT_REGULAR)
         return open(descriptor, "rb")
     except OSError:
         os.close(descriptor)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -19,7 +20,6 @@ from artifacts import (
     sibling,
     stem_of,
 )
-from artifacts.paths import is_missing
 from stages.config.demonstrations import MOST_FPS, ExportConfig
 from stages.config.names import CAMERA, PLAIN_FPS
 from stages.datasets.export import Export
@@ -113,7 +113,7 @@ def _free(out: Path | None, demos: Path, name: str) -> Path:
     if (name == "robomimic") != (out.suffix in FILE_SUFFIXES):
         wanted = f"a file name ending in {FILE_SUFFIXES[0]}" if name == "robomimic" else "the name of a folder"
         raise UsageError(f"--out {out}: expected {wanted}")
-    if not is_missing(out):
+    if os.path.lexists(out):  # Unlike Path.exists, it never raises.
         raise UsageError(f"{out}: already exists: remove it, or choose another name with --out")
     return out
 
