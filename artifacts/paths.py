@@ -13,7 +13,7 @@ from artifacts.errors import ArtifactError
 from artifacts.kinds import KINDS
 from artifacts.schema import Parent
 
-NOT_REGULAR = "it is a pipe, socket or device, not a regular file"
+NOT_REGULAR = "not a regular file"
 
 
 def sha256_of(path: str | Path) -> str:

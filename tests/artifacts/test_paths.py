@@ -34,9 +34,9 @@ def socket_file(folder):
 
 
 PLACES = {
-    "pipe": (pipe, "pipe, socket or device"),
-    "socket": (socket_file, "pipe, socket or device"),
-    "device": (lambda _: Path("/dev/zero"), "pipe, socket or device"),
+    "pipe": (pipe, "not a regular file"),
+    "socket": (socket_file, "not a regular file"),
+    "device": (lambda _: Path("/dev/zero"), "not a regular file"),
     "folder": (lambda folder: folder, "is a folder"),
     "loop": (loop, "symbolic links"),
     "long name": (lambda folder: folder / ("x" * 300 + ".demos.h5"), "File name too long"),

@@ -347,7 +347,7 @@ def test_nothing_of_any_kind_is_replaced(ifo, demos, tmp_path, name, kind):
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_names_that_no_file_can_have(ifo, demos, tmp_path, name):
-    out = tmp_path / ("a" * 250 + FORMATS[name])
+    out = tmp_path / ("a" * 300 + FORMATS[name])
     code, _, said = ifo("export-demos", demos(), "--format", name, "--out", out)
     assert code == 4 and "File name too long" in said.splitlines()[-1]
 

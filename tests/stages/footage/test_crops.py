@@ -134,7 +134,7 @@ def test_pictures_are_reduced_by_area_and_enlarged_linearly():
 def test_what_is_no_file_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "crops.csv")
     for path in (tmp_path / "crops.csv", Path("/dev/zero"), tmp_path):
-        with pytest.raises(ArtifactError, match="not a regular file"):
+        with pytest.raises(ArtifactError, match=r"not a regular file|Is a directory"):
             read_crops(path, [])
 
 
