@@ -7,7 +7,7 @@ STAMP := .venv/.stamp
 PATH := $(CURDIR)/.venv/bin:$(PATH)
 export PATH
 
-.PHONY: help setup demo test slow package mutants check format bench fresh clean
+.PHONY: help setup demo test slow faults package mutants check format bench fresh clean
 
 help: ## Show the targets.
 	@grep -E '^[a-z]+:.*##' $(firstword $(MAKEFILE_LIST)) | sed -E 's/^([a-z]+):[^#]*## /  make \1	/' | expand -t 15
@@ -17,15 +17,17 @@ $(STAMP): pyproject.toml constraints.txt .ci/setup.sh
 
 setup: $(STAMP) ## Create .venv with everything that ifo needs.
 
-demo: setup ## Learn to reach from videos in other contexts, with preset quick. Run it again to resume.
+PRESET ?= quick
+DEMO := runs/reach$(if $(filter-out quick,$(PRESET)),-$(PRESET))
+demo: setup ## Learn to reach from videos in other contexts (PRESET=quick). Run it again to resume.
 	@mkdir -p runs
-	@ifo collect-demos reach --preset quick | ifo train-translator --resume | ifo translate | ifo learn-policy --resume \
+	@ifo collect-demos reach --preset $(PRESET) | ifo train-translator --resume | ifo translate | ifo learn-policy --resume \
 	    | ifo evaluate --json > runs/demo.json.part
 	@mv runs/demo.json.part runs/demo.json
 	@echo "Normalized final distance to the goal (1: the initial distance):"
 	@python -m json.tool runs/demo.json | grep -E '"normalised_distance(_stochastic)?":|"success_[a-z]+":'
 	@echo "All figures: runs/demo.json. Videos:"
-	@ls runs/reach.demos.mp4 runs/reach-c0.*.mp4 | sed 's/^/  /'
+	@ls $(DEMO).demos.mp4 $(DEMO)-c0.*.mp4 | sed 's/^/  /'
 
 test: setup ## Run the tests that take seconds.
 	@bash .ci/browser.sh
@@ -33,6 +35,10 @@ test: setup ## Run the tests that take seconds.
 
 slow: setup ## Run the tests that take minutes.
 	@pytest -m slow
+
+N ?= 1000
+faults: setup ## Inject N=1000 faults, drawn with SEED=1: damage, kills, full disks, hostile files and streams.
+	@python -m tests.faults --n $(N) --seed $(SEED) --out results/faults.md
 
 SEED ?= 1
 mutants: setup ## Mutation testing with a random sample of code changes (SEED=1); takes an hour.

@@ -76,8 +76,8 @@ STAGES = {
     "learn-policy ppo": learning("ppo", 3, "--learner", "ppo"),
     "learn-policy sac": learning("sac", 3, "--learner", "sac"),
     "learn-policy gps": learning("gps", 3, "--learner", "gps"),
-    "learn-policy gail": learning("gail", 3, "--reward", "gail"),
-    "learn-policy tpil": learning("tpil", 3, "--reward", "tpil"),
+    "learn-policy gail": learning("gail", 2, "--reward", "gail", "--discriminator-steps", 2),
+    "learn-policy tpil": learning("tpil", 2, "--reward", "tpil", "--discriminator-steps", 2),
     "evaluate": Stage(("evaluate", "x.policy.h5", "--episodes", 2, *TINY), "x.evaluation.h5", ("x.policy.h5",)),
     "import-demos": Stage(
         ("import-demos", "videos", "--frames", 5, "--size", "32x24", "--quiet"), "i.demos.h5", ("videos",), cheap=True
