@@ -104,10 +104,14 @@ def page(lines: list[dict[str, object]], seed: int, seconds: float) -> str:
     return "\n".join(text) + "\n"
 
 
-def main() -> int:
+def load_kinds() -> None:
+    """Import the modules that register the kinds."""
     for module in MODULES:
-        if (Path(__file__).parent / "injections" / f"{module}.py").exists():
-            import_module(f"tests.faults.injections.{module}")
+        import_module(f"tests.faults.injections.{module}")
+
+
+def main() -> int:
+    load_kinds()
     parser = argparse.ArgumentParser(prog="python -m tests.faults", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--n", type=int, default=1000, help="number of injections")
     parser.add_argument("--seed", type=int, default=1, help="seed of the injections")

@@ -151,6 +151,9 @@ def _redirect(logs: Path, stdin: bytes | int) -> None:
     os.dup2(stdin, 0)
     for number, name in ((1, "stdout"), (2, "stderr")):
         os.dup2(os.open(logs / name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666), number)
+    # A test runner may have put something else in their places.
+    sys.stdout = open(1, "w", encoding="utf-8", closefd=False)
+    sys.stderr = open(2, "w", encoding="utf-8", errors="backslashreplace", closefd=False)
 
 
 def command(*words: object) -> Callable[[], int]:

@@ -51,8 +51,8 @@ def read_back(path: Path, original: Path) -> int:
 
 def judge(case: Case, name: str, what: str) -> Verdict:
     """Read a damaged file, by the library, by a command, or by the stage that consumes it."""
-    consumer = CONSUMERS.get(name)
-    if consumer and case.rng.random() < STAGE_SHARE:
+    consumer = CONSUMERS.get(name, "")
+    if consumer in case.originals.outcomes and case.rng.random() < STAGE_SHARE:
         case.originals.copy(case.folder, tuple(other for other in STAGES[consumer].inputs if other != name))
         return Verdict(consumer, what, case.judge_stage(consumer, case.run_stage(consumer)))
     if case.rng.random() < 0.1:

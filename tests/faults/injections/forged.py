@@ -91,11 +91,11 @@ def write_attribute(file: Any, name: str, item: Any) -> None:
 
 def judge(case: Case, name: str, what: str, codes: tuple[int, ...] = (0, 3)) -> Verdict:
     """Give a forged file to a command that reads it."""
-    consumer = CONSUMERS.get(name)
+    consumer = CONSUMERS.get(name, "")
     case.originals.copy(
         case.folder, tuple(n for n in case.originals.parents(name) if not os.path.lexists(case.folder / n))
     )
-    if consumer and case.rng.random() < STAGE_SHARE:
+    if consumer in case.originals.outcomes and case.rng.random() < STAGE_SHARE:
         needed = (n for n in STAGES[consumer].inputs if not os.path.lexists(case.folder / n))
         case.originals.copy(case.folder, tuple(needed))
         outcome = case.run_stage(consumer)
@@ -163,7 +163,7 @@ def hostile_configuration(case: Case) -> Verdict:
 @kind("not finite", 15)
 def not_finite(case: Case) -> Verdict:
     """NaN or infinity in a dataset of numbers: the stage that uses it refuses it, or it does not matter."""
-    name = case.choose(FLOATS)
+    name = case.choose(n for n in FLOATS if CONSUMERS.get(n, "evaluate") in case.originals.outcomes)
     path = case.damage(name)
     told = []
 
