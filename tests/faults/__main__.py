@@ -128,7 +128,6 @@ def main() -> int:
     prepare()
     with tempfile.TemporaryDirectory(prefix="faults-") as temporary:
         work = Path(temporary)
-        os.chmod(work, 0o755)  # Some children run as another user.
         chosen = tuple(options.stages.split(",")) if options.stages else tuple(STAGES)
         Originals.made(work / "originals", chosen, options.keep)
         logs = []

@@ -80,7 +80,7 @@ STAGES = {
     "learn-policy tpil": learning("tpil", 2, "--reward", "tpil", "--discriminator-steps", 2),
     "evaluate": Stage(("evaluate", "x.policy.h5", "--episodes", 2, *TINY), "x.evaluation.h5", ("x.policy.h5",)),
     "import-demos": Stage(
-        ("import-demos", "videos", "--frames", 5, "--size", "32x24", "--quiet"), "i.demos.h5", ("videos",), cheap=True
+        ("import-demos", "videos", "--frames", 5, "--size", "32x24"), "i.demos.h5", ("videos",), cheap=True
     ),
     "export-demos lerobot": Stage(
         ("export-demos", "x.demos.h5", "--format", "lerobot", "--quiet"), "lerobot", ("x.demos.h5",), cheap=True

@@ -99,7 +99,7 @@ def start(
     *,
     cpu_seconds: float = CPU_SECONDS,
     memory: int = MEMORY,
-    nobody: bool = False,
+    restricted: bool = False,
     stdin: bytes | int = b"",
 ) -> Child:
     """Run a function in a child.
@@ -109,7 +109,7 @@ def start(
         task: Returns the exit code.
         cpu_seconds: CPU time after which the kernel ends it.
         memory: Bytes of address space that it may map in addition.
-        nobody: Whether it runs as a user without rights.
+        restricted: Whether the permissions of files apply to it, as to an ordinary user.
         stdin: What it reads, or an open descriptor.
     """
     logs = folder.parent / f"{folder.name}.output"
@@ -128,10 +128,8 @@ def start(
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         mapped = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (mapped + memory, mapped + memory))
-        if nobody and os.geteuid() == 0:
-            os.setgroups([])
-            os.setresgid(65534, 65534, 65534)
-            os.setresuid(65534, 65534, 65534)
+        if restricted:
+            respect_permissions()
         code = task()
         for stream in (sys.stdout, sys.stderr):
             if stream is not None:
@@ -140,6 +138,7 @@ def start(
         import traceback
 
         traceback.print_exc()
+        sys.stderr.flush()
         os._exit(1)
     os._exit(code)
 
@@ -154,6 +153,18 @@ def _redirect(logs: Path, stdin: bytes | int) -> None:
     # A test runner may have put something else in their places.
     sys.stdout = open(1, "w", encoding="utf-8", closefd=False)
     sys.stderr = open(2, "w", encoding="utf-8", errors="backslashreplace", closefd=False)
+
+
+def respect_permissions() -> None:
+    """Give up root's right to ignore the permissions of files (CAP_DAC_OVERRIDE and CAP_DAC_READ_SEARCH)."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    header = (ctypes.c_uint32 * 2)(0x20080522, 0)  # _LINUX_CAPABILITY_VERSION_3, this process
+    sets = (ctypes.c_uint32 * 6)()  # effective, permitted, inheritable: low words, then high words
+    if os.geteuid() == 0 and libc.capget(header, sets) == 0:
+        for at in (0, 1):
+            sets[at] &= ~0b110
+        if libc.capset(header, sets):
+            raise OSError(ctypes.get_errno(), "capset")
 
 
 def command(*words: object) -> Callable[[], int]:
@@ -187,7 +198,7 @@ def complaint(outcome: Outcome, codes: Iterable[int], resident: int = 0) -> str:
     if outcome.code < 0:
         return f"crashes: {signal.Signals(-outcome.code).name}"
     if "Traceback" in outcome.stderr or outcome.code == 1:
-        return "traceback: " + " | ".join(outcome.stderr.strip().splitlines()[-3:-1])
+        return f"traceback (exit code {outcome.code}): " + " | ".join(outcome.stderr.strip().splitlines()[-4:])
     if outcome.code not in tuple(codes):
         return f"exit code {outcome.code}, expected {'/'.join(map(str, codes))}: {last_line(outcome.stderr)}"
     if outcome.code and (len(said := error_lines(outcome.stderr)) != 1 or not said[0]):

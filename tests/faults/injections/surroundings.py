@@ -80,7 +80,7 @@ def input_changed(case: Case) -> Verdict:
         victim = case.choose(sorted(victim.iterdir()))
     change = case.choose(("removed", "truncated", "replaced", "unreadable"))
     after = case.rng.random() * case.originals.took[name]
-    child = start(case.folder, command(*stage.words, "--out", stage.out), cpu_seconds=120, nobody=False)
+    child = start(case.folder, command(*stage.words, "--out", stage.out), cpu_seconds=120, restricted=True)
     while child.running() and time.monotonic() - child.started < after:
         time.sleep(0.001)
     if change == "removed":
@@ -118,12 +118,9 @@ def permission_taken(case: Case) -> Verdict:
     words = inputs_elsewhere(case, name)
     target = case.folder / "out"
     target.mkdir()
-    for path in (case.folder, *case.folder.rglob("*"), case.folder.parent / f"{case.folder.name}.output"):
-        if path.exists():
-            path.chmod(0o777)
     out = f"out/{stage.out}"
     after = 1.1 * case.rng.random() * case.originals.took[name]
-    child = start(case.folder, command(*words, "--out", out), cpu_seconds=120, nobody=True)
+    child = start(case.folder, command(*words, "--out", out), cpu_seconds=120, restricted=True)
     while child.running() and time.monotonic() - child.started < after:
         time.sleep(0.001)
     target.chmod(0o555)
@@ -154,8 +151,11 @@ def two_writers(case: Case) -> Verdict:
     for number in (0, 1):
         for path in (f"{case.folder.name}-{number}", f"{case.folder.name}-{number}.output"):
             shutil.rmtree(case.folder.parent / path, ignore_errors=True)
-    problems = [complaint(outcome, (0,)) for outcome in outcomes]
+    # The second one to finish must not replace what the first one has just written.
+    problems = [complaint(outcome, (0, 2)) for outcome in outcomes]
     problem = next(filter(None, problems), "") or case.judge_output(name)
+    if all(outcome.code for outcome in outcomes):
+        problem = problem or "both writers fail"
     return Verdict(name, "two writers" + (" in two PID namespaces" if namespaces else ""), problem)
 
 
