@@ -69,4 +69,4 @@ def _differ(before: Mapping[str, Any], now: Mapping[str, Any], key: str) -> bool
     if key not in before or key not in now:
         return True
     a, b = before[key], now[key]
-    return bool(a != b) and json.dumps(a, sort_keys=True) != json.dumps(b, sort_keys=True)
+    return bool(a != b) and json.dumps(a) != json.dumps(b)  # NaN differs from itself, but not as text.

@@ -95,7 +95,7 @@ class Artifact:
                 if check:
                     check_parent(self.path, parent)
                 return read_artifact(_existing_parent(self.path, parent), kind)
-        raise ArtifactError(f"{self.path} has no {kind} among its parents: {how_to_make(kind, 'pass')}")
+        raise ArtifactError(f"{self.path} has no {kind} among its parents: {how_to_make(kind)}")
 
     def _read(self, file: Any, name: str, selection: Any = ...) -> np.ndarray:
         if name not in self._sources:
@@ -139,7 +139,7 @@ def read_artifact(path: str | Path, kind: Kinds = None) -> Artifact:
         fields = _checked_fields(file, wanted)
         found, version = fields["kind"], fields["schema_version"]
         if wanted is not None and found not in wanted:
-            raise ArtifactError(f"is {a_(found)}, expected {either(wanted)}: {how_to_make(wanted, 'pass')}")
+            raise ArtifactError(f"is {a_(found)}, expected {either(wanted)}: {how_to_make(wanted)}")
         if found not in KINDS:
             raise ArtifactError(f"is {a_(found)}, which this ifo does not know: upgrade ifo")
         if version > KINDS[found].version:
@@ -220,26 +220,26 @@ def _check_is_file(path: Path, wanted: tuple[str, ...] | None) -> None:
         with open(path, "rb") as file:
             start = file.read(len(hdf5.SIGNATURE))
     except IsADirectoryError as error:
-        raise ArtifactError(f"{path}: is a folder: {how_to_make(wanted, 'pass')}") from error
+        raise ArtifactError(f"{path}: is a folder: {how_to_make(wanted)}") from error
     except FileNotFoundError as error:
-        raise ArtifactError(f"{path}: no such file: {how_to_make(wanted, 'make')}") from error
+        raise ArtifactError(f"{path}: no such file: {how_to_make(wanted, missing=True)}") from error
     except OSError as error:
         raise ArtifactError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error
     if start != hdf5.SIGNATURE:
-        raise ArtifactError(f"{path}: is not HDF5, so not an ifo artifact: {how_to_make(wanted, 'pass')}")
+        raise ArtifactError(f"{path}: is not HDF5, so not an ifo artifact: {how_to_make(wanted)}")
 
 
 def _checked_fields(file: Any, wanted: tuple[str, ...] | None = None) -> dict[str, Any]:
     """Return the manifest's fields as stored in the file."""
     attributes = hdf5.read_attributes(file)
     if "kind" not in attributes or "schema_version" not in attributes or DIGEST not in attributes:
-        raise ArtifactError(f"is HDF5 but not an ifo artifact: {how_to_make(wanted, 'pass')}")
+        raise ArtifactError(f"is HDF5 but not an ifo artifact: {how_to_make(wanted)}")
     if attributes_digest(attributes) != attributes[DIGEST]:
         raise ArtifactError("has a damaged manifest: restore the file or make it again")
     fields = decode_attributes(attributes)
     kind, version = fields["kind"], fields["schema_version"]
     if not isinstance(kind, str) or len(kind) > LONGEST_KIND or not isinstance(version, int):
-        raise ArtifactError(f"is HDF5 but not an ifo artifact: {how_to_make(wanted, 'pass')}")
+        raise ArtifactError(f"is HDF5 but not an ifo artifact: {how_to_make(wanted)}")
     return fields
 
 

@@ -10,13 +10,13 @@ from artifacts.errors import ArtifactError, IfoError, PlatformError
 from artifacts.pipeline import COMMANDS
 
 
-def how_to_make(kinds: str | tuple[str, ...] | None, verb: str) -> str:
-    """Return an instruction for the wanted kinds, for example: pass the file that `ifo x` printed."""
+def how_to_make(kinds: str | tuple[str, ...] | None, missing: bool = False) -> str:
+    """Return an instruction for the wanted kinds: pass the file that `ifo x` printed; if it is `missing`, make it."""
     kinds = (kinds,) if isinstance(kinds, str) else kinds
     commands = [f"`{COMMANDS[kind]}`" for kind in kinds or () if kind in COMMANDS]
     if not commands:
         return "pass an artifact that ifo wrote"
-    if verb == "make":
+    if missing:
         return f"make it with {' or '.join(commands)}"
     return f"pass the file that {' or '.join(commands)} printed"
 

@@ -23,7 +23,7 @@ from artifacts import (
 from stages.config.demonstrations import MOST_FPS, ExportConfig
 from stages.config.names import CAMERA, PLAIN_FPS
 from stages.datasets.export import Export
-from stages.runtime.interrupts import heeded
+from stages.runtime.interrupts import deferred_interrupts
 from stages.runtime.run import RunOptions, StageResult, check
 
 AT_A_TIME = 64  # demonstrations in memory at a time
@@ -55,7 +55,7 @@ def export_demos(demos: Path, config: ExportConfig, run: RunOptions) -> StageRes
     if length < 2:
         raise ArtifactError(f"{demos}: its videos have {length} frame: expected at least 2")
     fps = config.fps or _fps(artifact)
-    with heeded() as check_interrupt:
+    with deferred_interrupts() as check_interrupt:
         export = Export(
             shape=(count, length, height, width),
             videos=lambda: _videos(artifact, count, length, fps, run, check_interrupt),

@@ -31,7 +31,7 @@ from stages.footage.footage import Footage
 from stages.footage.moments import Segment, choose_frames
 from stages.footage.preview import preview_cell, preview_sheet
 from stages.footage.sources import Source, find_videos
-from stages.runtime.interrupts import heeded
+from stages.runtime.interrupts import deferred_interrupts
 from stages.runtime.outputs import Output
 from stages.runtime.run import RunOptions, StageResult, check, environment, full_config
 from stages.translation.training import FEWEST
@@ -226,7 +226,10 @@ def import_demos(paths: Sequence[Path], config: ImportConfig, run: RunOptions, p
     times: list[np.ndarray] = []
     records: list[dict[str, Any]] = []
     at_once = not all(source.part for source in sources)
-    with run.progress.bar("import-demos", len(sources), "videos") as bar, heeded(at_once) as check_interrupt:
+    with (
+        run.progress.bar("import-demos", len(sources), "videos") as bar,
+        deferred_interrupts(at_once) as check_interrupt,
+    ):
         for done, source in enumerate(sources, 1):
             check_interrupt()
             taken = importer.take(source)

@@ -12,7 +12,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
-def heeded(at_once: bool = False) -> Iterator[Callable[[], None]]:
+def deferred_interrupts(at_once: bool = False) -> Iterator[Callable[[], None]]:
     """Record Ctrl-C and `kill` during the block; yield a function that raises KeyboardInterrupt after such a signal.
 
     By default Python raises KeyboardInterrupt at the current position. In a callback from C, which h5py uses often, the

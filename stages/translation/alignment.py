@@ -104,9 +104,9 @@ def _with_clock(scaled: np.ndarray, times: np.ndarray) -> np.ndarray:
 
 
 def at_index(values: Tensor, index: np.ndarray) -> Tensor:
-    """Interpolate values (n, T, ...) linearly at fractional times (n, T)."""
-    low = np.floor(index).astype(np.int64).clip(0, values.shape[1] - 1)
-    high = (low + 1).clip(0, values.shape[1] - 1)
+    """Interpolate values (n, T, ...) linearly at fractional times (n, T) from 0 to T - 1."""
+    low = np.floor(index).astype(np.int64)
+    high = (low + 1).clip(max=values.shape[1] - 1)
     share = torch.from_numpy(index - low).to(values.dtype)
     rows = torch.arange(len(values))[:, None]
     share = share.reshape(*share.shape, *[1] * (values.ndim - 2))

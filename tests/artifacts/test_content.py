@@ -160,6 +160,16 @@ def test_what_a_recipe_would_do_differently_is_named(tmp_path, demos):
     assert difference() == []
 
 
+def test_the_order_of_keys_makes_no_difference_beside_nan(tmp_path):
+    options = {"low": float("nan"), "high": 1}
+    path = tmp_path / "x.translator.h5"
+    write_artifact(path, "translator", ARRAYS, **PROVENANCE, recipe=recipe_of("train-translator", {"a": options}, 3))
+    for same in (options, dict(reversed(options.items()))):
+        assert recipe_difference(read_artifact(path), recipe_of("train-translator", {"a": same}, 3)) == []
+    other = recipe_of("train-translator", {"a": {**options, "high": 2}}, 3)
+    assert recipe_difference(read_artifact(path), other) == ["a"]
+
+
 def test_an_artifact_that_records_no_recipe_says_so(translator):
     recipe = recipe_of("train-translator", {}, 7)
     assert recipe_difference(read_artifact(translator), recipe) == ["no record of what it was made with"]

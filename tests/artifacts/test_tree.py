@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import hypothesis.extra.numpy as npst
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from artifacts import (
@@ -74,6 +74,7 @@ def same(a, b):
 
 @settings(max_examples=60, deadline=None)
 @given(trees)
+@example([float("nan"), float("inf"), -float("inf"), -0.0, 2**700, b"", np.float32("nan"), np.str_(""), ()])
 def test_unpack_undoes_pack(tree):
     text, arrays = pack(tree)
     assert text.isascii()

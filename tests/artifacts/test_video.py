@@ -16,6 +16,7 @@ from artifacts import (
     read_png,
     tile_videos,
     write_mp4,
+    write_overview,
     write_png,
 )
 
@@ -149,3 +150,15 @@ def test_a_contact_sheet_shows_first_and_last_of_each():
     assert cells[0, :5, 1].tolist() == cells[9, 5:, 1].tolist() == [0, 2, 4, 6, 8]
     assert cells[0, 0, 0] == 0 and cells[9, 9, 0] == 44
     assert contact_sheet(frames[:1], n=20, moments=3).shape == (8, 28, 3)
+
+
+def test_an_overview_shows_the_first_videos_in_a_grid_and_fills_its_last_row(tmp_path):
+    videos = np.full((7, 2, 100, 400, 3), 40, np.uint8)  # so wide that three fit in a row of the MP4
+    videos += np.arange(0, 140, 20, dtype=np.uint8)[:, None, None, None, None]
+    paths = write_overview(tmp_path / "x.demos.h5", videos)
+    assert paths == {"contact_sheet": str(tmp_path / "x.demos.png"), "video": str(tmp_path / "x.demos.mp4")}
+    np.testing.assert_array_equal(read_png(paths["contact_sheet"]), contact_sheet(videos, n=20))
+    shown = read_mp4(paths["video"])
+    assert shown.shape == (2, 3 * 100 + 2 * 2, 3 * 400 + 2 * 2, 3)
+    centers = shown[1, 50::102, 200::402].mean(axis=-1)
+    np.testing.assert_allclose(centers, [[40, 60, 80], [100, 120, 140], [160, 0, 0]], atol=3)

@@ -112,6 +112,7 @@ def test_an_evaluation_records_distances_curves_and_facts_of_every_run(policy, t
         f"{low:.2f} to {high:.2f}",
         f"{expected['success_deterministic']:.0%} of the deterministic episodes",
         "a.policy.h5: recorded as",
+        "evaluate: 2/2 policies",
     ):
         assert part in said, said
 

@@ -60,7 +60,7 @@ class Search:
         states: States (N, T + 1, dx) of remembered rollouts, newest last.
         actions: Actions (N, T, du) of remembered rollouts.
         mixture: Prior of the dynamics; None before the first iteration.
-        foretold: Expected cost before the last update and predicted cost after it; None before the first update.
+        predicted: Expected cost before the last update and predicted cost after it; None before the first update.
     """
 
     controller: LinearGaussianController
@@ -68,7 +68,7 @@ class Search:
     states: np.ndarray = field(default_factory=lambda: np.empty(0))
     actions: np.ndarray = field(default_factory=lambda: np.empty(0))
     mixture: Mixture | None = None
-    foretold: tuple[float, float] | None = None
+    predicted: tuple[float, float] | None = None
 
 
 def iterate(
@@ -112,10 +112,10 @@ def iterate(
     before = forward(dynamics, search.controller, mean, covariance)
     now = before.cost(cost)
     step = search.step
-    if search.foretold is not None:
-        step = float(np.clip(step * step_change(*search.foretold, now), *STEP_RANGE))
+    if search.predicted is not None:
+        step = float(np.clip(step * step_change(*search.predicted, now), *STEP_RANGE))
     found = improve(dynamics, cost, search.controller, mean, covariance, kl * step * actions.shape[1], least_std)
-    foretold = (now, found.marginals.cost(cost))
+    predicted = (now, found.marginals.cost(cost))
     return replace(
         search,
         controller=found.controller,
@@ -123,17 +123,17 @@ def iterate(
         states=remembered,
         actions=done,
         mixture=mixture,
-        foretold=foretold,
+        predicted=predicted,
     ), replace(found, seen=replace(before, state_mean=states.mean(axis=0), action_mean=actions.mean(axis=0)))
 
 
-def step_change(before: float, foretold: float, actual: float) -> float:
+def step_change(before: float, predicted: float, actual: float) -> float:
     """Factor for the step size, from the cost before an update, the predicted cost and the actual cost after it.
 
     If the actual gain is below the predicted gain by an error that is quadratic in the step size, the factor is half
     the ratio of predicted gain to shortfall, which maximizes the gain (Levine et al. 2016, appendix A.2).
     """
-    promised, gained = before - foretold, before - actual
+    promised, gained = before - predicted, before - actual
     short = max(promised - gained, 1e-4 * abs(promised), 1e-12)
     return float(np.clip(promised / (2 * short), *STEP_CHANGE))
 

@@ -72,7 +72,7 @@ class Start:
             "states": search.states,
             "actions": search.actions,
             "mixture": {} if search.mixture is None else dict(vars(search.mixture)),
-            "foretold": list(search.foretold or ()),
+            "predicted": list(search.predicted or ()),
         }
 
     @property
@@ -84,13 +84,14 @@ class Start:
     @classmethod
     def of(cls, state: dict[str, Any]) -> Start:
         """The search and results described by `state`."""
+        predicted = state["predicted"] if "predicted" in state else state["foretold"]  # its name in schema 1
         search = Search(
             controller=LinearGaussianController(**state["controller"]),
             step=state["step"],
             states=state["states"],
             actions=state["actions"],
             mixture=Mixture(**state["mixture"]) if state["mixture"] else None,
-            foretold=(state["foretold"][0], state["foretold"][1]) if state["foretold"] else None,
+            predicted=(predicted[0], predicted[1]) if predicted else None,
         )
         own, following = (LinearGaussianController(**state[name]) for name in ("own", "next"))
         return cls(search, own, following, state["cost"])
@@ -213,15 +214,12 @@ class GuidedPolicySearch:
         The remembered rollouts and the prior of the dynamics are discarded, because the tracked values are different
         now.
         """
-        self._track_finer()
-        (start,) = self._starts
-        lifted = start.next.lifted(self._size + self._reward.targets.shape[1])
-        self._starts = [replace(start, search=Search(lifted.widened(self._least_std(self._iterations))))]
-
-    def _track_finer(self) -> None:
         assert self._reward.finer is not None
         self._reward = self.env.reward = self._reward.finer
         self._cost = self._tracking()
+        (start,) = self._starts
+        lifted = start.next.lifted(self._size + self._reward.targets.shape[1])
+        self._starts = [replace(start, search=Search(lifted.widened(self._least_std(self._iterations))))]
 
     def _least_std(self, iterations: int) -> float:
         """Minimum standard deviation of actions after `iterations` iterations."""
@@ -250,13 +248,16 @@ class GuidedPolicySearch:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Restore a state returned by `state`, bit for bit."""
-        if 0 < self._refined < state["iterations"]:
-            self._track_finer()
+        iterations = int(state["iterations"])
+        if 0 < self._apart <= iterations:
+            self._starts = self._starts[:1]
+        if 0 < self._refined < iterations:
+            self._refine()
         starts = [Start.of(start) for start in state["starts"]]
         if [start.shapes for start in starts] != [start.shapes for start in self._starts]:
             raise ValueError("its controllers have other sizes")
         self._starts = starts
-        self._iterations, self.num_timesteps = int(state["iterations"]), int(state["samples"])
+        self._iterations, self.num_timesteps = iterations, int(state["samples"])
         if self._iterations:
             self.env.episode = int(state["episode"]) - 1  # The current episode was drawn before; draw it again.
             self.env.reset()

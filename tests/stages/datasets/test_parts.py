@@ -190,11 +190,11 @@ def test_stored_pictures_of_an_absurd_size_are_refused():
         list(stored.pictures(np.array([0])))
 
 
-@pytest.mark.parametrize("shape", [(20, 30, 3), (20, 30, 1), (20, 30, 4), (3, 20, 30), (1, 20, 30)])
+@pytest.mark.parametrize("shape", [(20, 30, 3), (20, 30, 1), (20, 30, 4), (3, 20, 30), (1, 20, 30), (3, 30, 3)])
 def test_channels_may_lie_last_or_first(shape):
     array = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
     picture = as_picture("x", array)
-    assert picture.shape == (20, 30, 3)
+    assert picture.shape == (3 if shape == (3, 30, 3) else 20, 30, 3)
     last = array if shape[2] < 5 else np.moveaxis(array, 0, -1)
     for channel in range(3):
         np.testing.assert_array_equal(picture[..., channel], last[..., channel if last.shape[2] > 1 else 0])

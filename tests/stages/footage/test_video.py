@@ -13,7 +13,7 @@ from artifacts import ArtifactError, read_mp4
 from stages.footage.display import orientation
 from stages.footage.sources import find_videos, natural_order
 from stages.footage.video import VideoFile
-from tests.stages.videos import X265, number_in, write_video
+from tests.stages.videos import X265, cut, number_in, write_video
 
 COUNT = 60  # frames
 KINDS = {
@@ -143,3 +143,17 @@ def test_what_was_trimmed_without_encoding_again_is_not_shown(tmp_path):
     video = VideoFile(path)
     shown = [number_in(frame) for _, frame in video.pictures(np.arange(len(video.times)))]
     assert shown == list(range(5, 25)) and not video.cut
+
+
+@pytest.mark.parametrize("reordered", [0, 3])
+def test_a_truncated_file_is_read_without_gaps_up_to_where_it_ends(reordered, tmp_path):
+    """Frames that are shown later may be stored earlier, and are left out where those between them are missing."""
+    options = {"bf": str(reordered), "g": "12", "b_strategy": "0"}
+    whole = write_video(tmp_path / "x.mkv", count=COUNT, options=options)
+    for percent in range(70, 98, 4):
+        path = cut(whole, tmp_path / f"{percent}.mkv", percent / 100)
+        video = VideoFile(path)
+        with av.open(str(path)) as file:
+            stored = sum(packet.size > 0 for packet in file.demux(video=0))
+        assert stored - reordered <= len(video.times) <= stored and video.cut
+        np.testing.assert_allclose(np.diff(video.times), 0.1, atol=1e-6)

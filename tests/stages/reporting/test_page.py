@@ -194,6 +194,7 @@ def test_lineage_goes_down_to_command_and_seed(family, make_report):
 def test_lineage_says_what_a_run_came_to(evaluation, make_report):
     path = evaluation(left=(0.25, 0.75), deterministic=(0.5, 0.125), translator={}, methods=("video",))
     page = make_report(path)
+    assert re.search(r"<b>reach\.evaluation\.h5</b>: reach: video.*: 2 runs</summary>", page)
     for number, facts in enumerate(
         (
             ("0.250", "succeeds", "yes (below 0.5)", "0.2500", "0.5000", "0.000", "2.0000, 0.5000"),

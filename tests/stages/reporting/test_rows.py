@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 
 import numpy as np
@@ -12,7 +13,7 @@ from artifacts import ArtifactError, read_artifact, write_artifact
 from stages.reporting.counting import count_once
 from stages.reporting.intervals import bootstrap_mean, wilson
 from stages.reporting.plots import ablated, mean_curve
-from stages.reporting.rows import COLUMNS, as_csv
+from stages.reporting.rows import COLUMNS, as_csv, row
 from stages.reporting.summary import summarise
 from stages.reporting.tables import summary_table
 
@@ -63,6 +64,15 @@ def test_a_mean_over_episodes_is_judged_not_the_episodes(evaluation, runs_of, tm
     [run] = runs_of(path)
     assert not run.success and run.normalised_distance == pytest.approx(0.575)
     assert run.deterministic_success == 0.5
+
+
+def test_a_row_is_rounded_to_what_is_worth_reading(evaluation, runs_of):
+    [run] = runs_of(evaluation(left=(0.123456,), learning_minutes=1.23456, translator={"minutes": 2.345}))
+    found = row(dataclasses.replace(run, deterministic_success=2 / 3))
+    assert found["normalised_distance"] == found["normalised_distance_deterministic"] == 0.1235
+    assert (found["initial_distance"], found["final_distance"]) == (2.0, 0.2469)
+    assert (found["success_deterministic"], found["psnr"]) == (0.667, 30.5)
+    assert (found["learning_minutes"], found["translator_minutes"]) == (1.23, 2.3)
 
 
 def test_a_summary_is_of_means_over_its_runs(evaluation, runs_of):

@@ -7,7 +7,7 @@ import torch
 from artifacts import UsageError, pack, unpack
 from stages.config.stages import PolicyConfig
 from stages.learn_policy import learn_policy
-from stages.rewards.negatives import CAPACITY, NegativeTuning
+from stages.rewards.negatives import BATCH, CAPACITY, NegativeTuning
 from stages.rewards.tracking import TrackingTarget, motion
 from stages.runtime.progress import Progress
 from stages.runtime.run import RunOptions
@@ -104,6 +104,19 @@ def test_it_tunes_every_so_many_iterations(tuning):
         start = tuning.model.pixels.detach().clone()
     assert changed == [False, False, True, False, False, True]
     assert not torch.equal(tuning.model.pixels, tuning._original.pixels)
+
+
+def test_a_batch_draws_from_all_demonstrations_and_all_frames_seen_at_a_time(tuning):
+    watch(tuning)
+    times, *pairs = tuning._batch(np.random.default_rng(0))
+    assert set(times.tolist()) == {1, 2, 3} and len(times) == BATCH
+    seen = np.stack([video(10, 100 + k) for k in range(8)])
+    for images, videos in zip(pairs, (tuning._positives, seen), strict=True):
+        drawn = [
+            [torch.equal(image, other[int(time)]) for other in to_images(torch.from_numpy(videos))].index(True)
+            for time, image in zip(times, images, strict=True)
+        ]
+        assert set(drawn) == set(range(len(videos)))
 
 
 def test_the_oldest_frames_make_way(tuning):

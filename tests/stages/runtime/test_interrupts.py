@@ -1,4 +1,4 @@
-"""Ctrl-C that a library swallowed is heeded nonetheless."""
+"""Ctrl-C that a library suppressed still takes effect."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import signal
 
 import pytest
 
-from stages.runtime.interrupts import heeded, killable
+from stages.runtime.interrupts import deferred_interrupts, killable
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_it_is_raised_at_the_next_check(number):
     before = signal.getsignal(number)
-    with pytest.raises(KeyboardInterrupt), heeded() as check:
+    with pytest.raises(KeyboardInterrupt), deferred_interrupts() as check:
         check()
         os.kill(os.getpid(), number)
         reached = True
@@ -22,14 +22,14 @@ def test_it_is_raised_at_the_next_check(number):
 
 
 def test_it_is_raised_at_the_end_where_nothing_checks():
-    with pytest.raises(KeyboardInterrupt), heeded():
+    with pytest.raises(KeyboardInterrupt), deferred_interrupts():
         os.kill(os.getpid(), signal.SIGINT)
 
 
 @pytest.mark.parametrize("at_once", [True, False])
 def test_the_second_one_is_raised_at_once(at_once):
     reached = []
-    with pytest.raises(KeyboardInterrupt), heeded(at_once):
+    with pytest.raises(KeyboardInterrupt), deferred_interrupts(at_once):
         os.kill(os.getpid(), signal.SIGINT)
         reached.append(1)
         os.kill(os.getpid(), signal.SIGINT)
@@ -40,7 +40,7 @@ def test_the_second_one_is_raised_at_once(at_once):
 def test_what_is_ignored_stays_ignored():
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        with heeded() as check:
+        with deferred_interrupts() as check:
             os.kill(os.getpid(), signal.SIGINT)
             check()
     finally:

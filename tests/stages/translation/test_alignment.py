@@ -96,7 +96,9 @@ def test_the_common_tempo_is_found_from_some_sequences_spread_over_all(monkeypat
 
 def test_features_that_never_move_or_are_no_numbers_keep_equal_times():
     equal = np.tile(np.arange(5.0), (3, 1))
-    np.testing.assert_array_equal(common_index(np.ones((3, 5, 4), np.float32)), equal)
+    still = common_index(np.ones((3, 5, 4), np.float32))
+    np.testing.assert_array_equal(still, equal)
+    assert still.dtype == np.float64
     broken = np.random.default_rng(0).normal(size=(3, 5, 4))
     broken[1, 2, 3] = np.nan
     np.testing.assert_array_equal(common_index(broken), equal)

@@ -140,7 +140,7 @@ def test_says_how_long_it_took_and_how_far_it_is(loop, capsys):
     loop("told", progress=Progress())
     said = capsys.readouterr().err
     assert "train-translator (compact): 10/10 steps" in said
-    assert "trans" in said and "psnr 20" in said and "ssim 0.5" in said
+    assert ", trans " in said and ", rec " in said and "psnr 20" in said and "ssim 0.5" in said
     assert "translator: 10 steps in" in said
     loop("parts", stop=8)
     loop("parts", progress=Progress())

@@ -126,7 +126,7 @@ def test_neighbours_and_shrunk_slopes_help_where_the_state_has_many_numbers_more
         assert errors[1] < 0.5 * errors[0]
 
 
-def test_earlier_rollouts_help_and_move_nothing_that_is_foretold_of_the_present_mean(mass, roll):
+def test_earlier_rollouts_help_and_move_nothing_that_is_predicted_of_the_present_mean(mass, roll):
     for seed in range(5):
         states, actions = simulated(mass, roll, 4, seed)
         moved = LinearGaussianController.constant(12, 4, 2, 0.5)

@@ -88,7 +88,7 @@ def test_the_update_starts_where_the_rollouts_did_and_may_go_as_far_as_asked(sea
     np.testing.assert_allclose(covariance, np.cov(states[:, 0].T, ddof=0) + LEAST_VARIANCE * np.eye(4))
     assert bound == found.bound == pytest.approx(KL * 12)
     before = forward(dynamics, search.controller, mean, covariance)
-    assert after.foretold == pytest.approx((before.cost(cost), found.marginals.cost(cost)))
+    assert after.predicted == pytest.approx((before.cost(cost), found.marginals.cost(cost)))
     assert after.controller is found.controller and after.step == 1.0
     np.testing.assert_array_equal(found.seen.state_mean, states.mean(axis=0))
     np.testing.assert_array_equal(found.seen.action_mean, actions.mean(axis=0))
@@ -97,14 +97,16 @@ def test_the_update_starts_where_the_rollouts_did_and_may_go_as_far_as_asked(sea
 
 
 @pytest.mark.parametrize(
-    ("step", "foretold", "expected"), [(1.0, 0.5, 5.0), (4.0, 0.5, 10.0), (0.2, -1e9, 0.1), (0.06, -1e9, 0.05)]
+    ("step", "predicted", "expected"), [(1.0, 0.5, 5.0), (4.0, 0.5, 10.0), (0.2, -1e9, 0.1), (0.06, -1e9, 0.05)]
 )
-def test_the_step_follows_the_last_updates_success_within_its_range(search, rolled, to_place, step, foretold, expected):
-    """A gain far beyond what was foretold lengthens the step fivefold; one far short of it halves it."""
+def test_the_step_follows_the_last_updates_success_within_its_range(
+    search, rolled, to_place, step, predicted, expected
+):
+    """A gain far beyond what was predicted lengthens the step fivefold; one far short of it halves it."""
     cost = to_place(12)
     states, actions = rolled(search, 0)
-    now = iterate(search, states, actions, cost, KL, np.random.default_rng(0))[0].foretold[0]
-    was = dataclasses.replace(search, step=step, foretold=(now + (1.0 if foretold > 0 else 0.0), now + foretold))
+    now = iterate(search, states, actions, cost, KL, np.random.default_rng(0))[0].predicted[0]
+    was = dataclasses.replace(search, step=step, predicted=(now + (1.0 if predicted > 0 else 0.0), now + predicted))
     after, found = iterate(was, states, actions, cost, KL, np.random.default_rng(0))
     assert after.step == pytest.approx(expected, rel=1e-3)
     assert found.bound == pytest.approx(KL * 12 * expected, rel=1e-3)

@@ -222,7 +222,7 @@ def test_the_first_rollouts_of_the_finer_target_are_of_the_next_controller_widen
     search = asked[-1][0][0]
     for name, values in expected.arrays().items():
         np.testing.assert_allclose(search.controller.arrays()[name], values, atol=1e-12)
-    assert search.mixture is None and search.foretold is None and not len(search.states)
+    assert search.mixture is None and search.predicted is None and not len(search.states)
     reached = model._cost.action
     assert reached[0, 0] == pytest.approx(model._penalty[0, 0]), "actions cost what they did"
 
@@ -311,3 +311,11 @@ def test_refusals_name_the_task_and_what_to_do():
 def test_a_clock_runs_from_start_to_end_of_an_episode_and_tells_the_time_nowhere_else(observe, ends):
     task = SimpleNamespace(horizon=0.6, observe=observe)
     assert ends_with_clock(task, state(np.ones((2, 2)), np.ones((2, 2)), 0.3)) is ends
+
+
+def test_a_checkpoint_of_schema_1_names_the_predicted_cost_differently():
+    tree, resumed = unpack(*states_of(1)[1][1]), fresh(1)
+    expected = tuple(tree["starts"][0].pop("predicted"))
+    tree["starts"][0]["foretold"] = expected
+    resumed.restore(tree)
+    assert resumed._starts[0].search.predicted == expected and len(expected) == 2
