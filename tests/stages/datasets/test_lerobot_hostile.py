@@ -17,6 +17,7 @@ from artifacts import ArtifactError, PlatformError
 from stages.config.demonstrations import ImportConfig
 from stages.datasets import parquet
 from stages.datasets.finding import find_episodes
+from stages.footage.moments import Segment, choose_frames
 from stages.import_demos import Importer, _remarks, _room_for
 from stages.runtime.run import RunOptions
 from tests.stages.datasets.foreign import FRONT, edit_episodes, edit_info, lerobot
@@ -143,6 +144,22 @@ def test_episodes_of_any_number(data_set, video, value):
         edit_episodes(path, lambda row, name=name: row.update({name: value}))
         assert all(line.isprintable() and len(line) < 600 for line in refusals(path))
         shutil.move(path / "kept", path / EPISODES)
+
+
+def test_a_data_set_without_episodes(data_set):
+    path = data_set()
+    for file in (path / "meta/episodes").rglob("*.parquet"):
+        pyarrow.parquet.write_table(pyarrow.parquet.read_table(file)[:0], file)
+    assert refusals(path) == [f"{path}: has no episodes: expected at least one in meta/episodes"]
+
+
+def test_episodes_of_one_frame(tmp_path):
+    for video in (True, False):
+        path = lerobot(tmp_path / f"set-{video}", (1, 5, 1), video=video)
+        episodes = find_episodes(path, "")
+        assert [len(episode.open().times) for episode in episodes] == [1, 5, 1]
+        with pytest.raises(ArtifactError, match="episode 0: has only one frame: expected a video"):
+            choose_frames(episodes[0].open(), Segment(3))
 
 
 def test_tables_of_many_equal_rows(data_set, monkeypatch):

@@ -161,6 +161,7 @@ REPLACED = "time stamps that do not increase from frame to frame are replaced by
         (np.array([[0.0, 0.5, 0.7]]), 10, [0.0, 0.1, 0.2], [REPLACED]),
         (np.array([0.0, 0.5, 0.5]), 10, [0.0, 0.1, 0.2], [REPLACED]),
         (np.array([0.0, 0.5, np.inf]), 10, [0.0, 0.1, 0.2], [REPLACED]),
+        (np.array([-1e308, 0.0, 1e308]), 10, [0.0, 0.1, 0.2], [REPLACED]),
         (np.array([0.0, 0.5, np.nan]), 0, [0.0, 0.04, 0.08], [REPLACED, "unknown"]),
         (np.array([b"a", b"b", b"c"]), 10, [0.0, 0.1, 0.2], [REPLACED]),
     ],
