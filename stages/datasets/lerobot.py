@@ -84,7 +84,7 @@ def read_lerobot(path: Path, wanted: str) -> list[Episode]:
             path,
             part=f"episode {one.number}",
             camera=camera,
-            inside=tuple(file for file in [one.video if as_video else one.table] if file is not None),
+            inside=(path / INFO, *files, *filter(None, [one.video if as_video else one.table])),
             opener=partial(open_one, one),
             pictures=tuple if as_video else partial(picture_files, path, tables, one, camera),
             digests=digests,

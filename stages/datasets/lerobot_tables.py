@@ -238,11 +238,12 @@ def picture_file(path: Path, one: Listed, camera: str, name: str) -> Path | None
 
 
 def picture_files(path: Path, tables: Tables, one: Listed, camera: str) -> list[Path]:
-    """The image files of an episode that a table names and that exist; empty if they are stored in the tables."""
-    found = []
+    """The files of an episode besides the table that it states: other tables, and the image files that they name."""
+    found: list[Path] = []
     try:
         rows = tables.rows_of(one)
         for k in np.unique(rows.table):
+            found += [rows.files[k]] if rows.files[k] != one.table else []
             names = tables.paths(rows.files[k], camera)
             for row in rows.row[rows.table == k] if names else ():
                 name = names[row]

@@ -51,10 +51,7 @@ def refusals(path):
             list(footage.pictures(np.arange(len(footage.times))))
         except ArtifactError as error:
             found.append(str(error))
-        try:
-            episode.sha256()
-        except (ArtifactError, OSError) as error:
-            assert found, error
+        episode.sha256()
     return found
 
 
@@ -239,5 +236,4 @@ def test_not_every_one_of_many_reasons_is_printed(capfd):
 def test_paths_are_not_looked_for_where_all_images_are_in_the_table(data_set):
     path = data_set(video=False)
     assert parquet.paths(path / TABLE, FRONT) == []
-    episode = find_episodes(path, "")[0]
-    assert len(episode.files) == 1
+    assert [file.suffix for file in find_episodes(path, "")[0].files].count(".parquet") == 3

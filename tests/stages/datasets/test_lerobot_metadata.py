@@ -177,6 +177,16 @@ def test_rows_in_any_order(data_set, fault):
     assert found == TRUE and not notes
 
 
+def test_rows_in_another_table_are_imported(ifo, numbers, data_set):
+    path = data_set(video=False)
+    edit_episodes(path, lambda row: row.update({"data/file_index": 9}))
+    code, result, said = ifo(path)
+    assert code == 0 and numbers(result["path"]) == [
+        [video[0], video[(len(video) - 1) // 2], video[-1]] for video in TRUE
+    ]
+    assert said.count("names another table than the one with the rows, which is read (4 of 4 videos") == 1
+
+
 def test_an_episode_in_two_tables(data_set):
     path = data_set(video=False)
     moved = pyarrow.parquet.read_table(path / TABLE).to_pylist()[11:]
@@ -255,7 +265,7 @@ def test_images_may_be_paths(data_set, text):
     as_files(path, text=text)
     assert taken(path) == (TRUE, "")
     episode = read_lerobot(path, "")[0]
-    assert [file.name for file in episode.files] == ["file-000.parquet", *(f"{k:04d}.jpeg" for k in range(9))]
+    assert [file.name for file in episode.files[-10:]] == ["file-000.parquet", *(f"{k:04d}.jpeg" for k in range(9))]
     before = episode.sha256()
     (path / "images/0002.jpeg").write_bytes(cv2.imencode(".png", shown(3, 3))[1].tobytes())
     assert read_lerobot(path, "")[0].sha256() != before
@@ -267,6 +277,21 @@ def test_images_may_lie_where_lerobot_records_them(data_set):
     path = data_set(video=False, per_file=1)
     as_files(path, f"images/{FRONT}/episode-000000", lambda row: f"frame-{row['frame_index']:06d}.png")
     assert taken(path) == (TRUE, "")
+
+
+def test_a_change_of_any_file_that_matters_changes_the_digest(data_set):
+    """A rerun must not keep what was made from other metadata, or from rows that another table contains."""
+    path = data_set(video=False)
+    edit_episodes(path, lambda row: row.update({"data/file_index": 9}))
+    found = [read_lerobot(path, "")[0].sha256()]
+    for change in (
+        lambda: edit_info(path, fps=5),
+        lambda: edit_episodes(path, lambda row: row.update(length=3)),
+        lambda: edit_rows(path, lambda rows: rows[::-1]),
+    ):
+        change()
+        found.append(read_lerobot(path, "")[0].sha256())
+    assert len(set(found)) == 4
 
 
 @pytest.mark.parametrize(
