@@ -226,10 +226,13 @@ def picture_file(path: Path, one: Listed, camera: str, name: str) -> Path | None
         ArtifactError: The name, or a link that it leads to, is outside the dataset's folder.
     """
     outside = f"{one.label}: a path of {camera} leads out of the dataset, and is not followed: copy the file into it"
-    if not all(is_plain(part) for part in name.split("/")) or Path(name).is_absolute() or ".." in Path(name).parts:
+    relative, root = Path(name), Path(os.path.abspath(path))
+    if relative.is_absolute() and relative.is_relative_to(root):
+        relative = relative.relative_to(root)
+    if relative.is_absolute() or ".." in relative.parts or not all(map(is_plain, relative.parts)):
         raise ArtifactError(outside)
     for folder in (path, path / "images" / camera / f"episode-{one.number:06d}"):
-        file = folder / name
+        file = folder / relative
         if os.path.isfile(file):  # Unlike Path.is_file, it never raises.
             if not file.resolve().is_relative_to(path.resolve()):
                 raise ArtifactError(outside)

@@ -273,6 +273,16 @@ def test_images_may_be_paths(data_set, text):
     assert "an image file of" in taken(path)[0][0] and taken(path)[0][1:] == TRUE[1:]
 
 
+@pytest.mark.parametrize("form", ["{root}/images/{name}", "./images//{name}"])
+def test_paths_inside_the_data_set_may_be_written_in_any_way(data_set, form):
+    path = data_set(video=False)
+    as_files(path)
+    for row in (rows := pyarrow.parquet.read_table(path / TABLE).to_pylist()):
+        row[FRONT]["path"] = form.format(root=path, name=row[FRONT]["path"].removeprefix("images/"))
+    edit_rows(path, lambda _: rows)
+    assert taken(path) == (TRUE, "")
+
+
 def test_images_may_lie_where_lerobot_records_them(data_set):
     path = data_set(video=False, per_file=1)
     as_files(path, f"images/{FRONT}/episode-000000", lambda row: f"frame-{row['frame_index']:06d}.png")
