@@ -235,6 +235,18 @@ def test_heaps_without_an_end(original, tmp_path, offset):
         taken(path)
 
 
+@pytest.mark.parametrize(
+    ("error", "words"), [(BlockingIOError, "is locked by another program"), (MemoryError, "does not fit in memory")]
+)
+def test_not_every_file_that_cannot_be_read_is_damaged(original, monkeypatch, error, words):
+    def fail(*_, **__):
+        raise error
+
+    monkeypatch.setattr(h5py, "File", fail)
+    with pytest.raises(ArtifactError, match=words):
+        find_episodes(original, "")
+
+
 def test_links_in_a_circle(edited):
     def change(file):
         file["data/demo_0/obs/a"] = h5py.SoftLink("/data/demo_0/obs/b")
