@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator, Sequence
 from contextlib import closing
 
@@ -10,6 +11,7 @@ import numpy as np
 from artifacts import ArtifactError
 from stages.footage.video import VideoFile
 
+HALF = 0.5  # frames that a duration may differ from a length
 LEAST, SHARE = 2, 0.02  # tolerated disagreement of a table about a length, in frames and as a fraction
 
 
@@ -78,12 +80,12 @@ def between(
     """
     period = period_of(video) or max(end - begin, 0.0) or 1.0
     lasting = (end - begin) / period
-    if not 0 < lasting < float("inf") or (length and abs(round(lasting) - length) > slack(length)):
+    if not 0 < lasting < float("inf") or (length and abs(lasting - length) > HALF):
         raise ArtifactError(
             f"{label}: spans {begin:g} to {end:g} s but has {length} frames: its tables are damaged; download the "
             "dataset again"
         )
-    first = nearest(video, begin)
+    first = max(nearest(video, begin), 0)
     if first >= len(video.times):
         ends = video.begins + float(video.times[-1]) + period
         raise ArtifactError(f"{video.label}: ends at {ends:.2f} s, before {label}: download it again")
@@ -91,8 +93,18 @@ def between(
 
 
 def nearest(video: VideoFile, time: float) -> int:
-    """Index of the frame whose timestamp is nearest to a time; in long files the sum of durations drifts a little."""
-    return int(np.searchsorted(video.begins + video.times, time - period_of(video) / 2))
+    """Index of the frame whose timestamp is nearest to a time, continued beyond the file; -1 if there is no time.
+
+    In long files, the sum of durations drifts by a fraction of a frame.
+    """
+    stamps, period = video.begins + video.times, period_of(video) or 1.0
+    if not math.isfinite(time):
+        return -1
+    if time < stamps[0] - period / 2:
+        return min(round((time - stamps[0]) / period), -1)
+    if time > stamps[-1] + period / 2:
+        return len(stamps) - 1 + max(round((time - stamps[-1]) / period), 1)
+    return int(np.searchsorted(stamps, time - period / 2))
 
 
 def period_of(video: VideoFile) -> float:

@@ -75,8 +75,11 @@ IN_VIDEOS = {
     "times from zero": (lambda row: row.update({BEGIN: 0.0, END: row["length"] / FPS}), "found by counting frames"),
     "times backward": (lambda row: row.update({BEGIN: 9.0 - row["episode_index"]}), "found by counting frames"),
     "times of another rate": (lambda row: row.update({BEGIN: row[BEGIN] * 2, END: row[END] * 2}), "by counting frames"),
-    "lengths": (lambda row: row.update(length=row["length"] + 1), "another length than the rows"),
-    "swapped lengths": (lambda row: row.update(length=LENGTHS[row["episode_index"] ^ 1]), "another length than the"),
+    "lengths": (lambda row: row.update(length=row["length"] + 1), "lengths in meta/episodes disagree"),
+    "swapped lengths": (
+        lambda row: row.update(length=LENGTHS[row["episode_index"] ^ 1]),
+        "lengths in meta/episodes disagree",
+    ),
     "no lengths": (lambda row: row.update(length=None), ""),
     "all in one file": (lambda row: row.update({FILE: 0}), "names another video file"),
     "last one in the file before": (lambda row: row["episode_index"] == 2 and row.update({FILE: 0}), "another video"),
@@ -131,7 +134,9 @@ def test_unclear_episodes_of_a_truncated_video_are_refused(data_set, originals):
     shutil.copy(originals(per_file=3) / name, path / name)
     found, _ = taken(path)
     assert found[:3] == TRUE[:3] and "before" in found[3]
-    edit_episodes(path, drifting)
+    edit_episodes(
+        path, lambda row: row.update({BEGIN: row[BEGIN] * 1.07, END: row[BEGIN] * 1.07 + row["length"] / FPS})
+    )
     found, _ = taken(path)
     assert found[0] == TRUE[0]
     assert all(isinstance(video, str) or video in TRUE for video in found) and "contradict" in found[2] + found[3]
@@ -141,9 +146,9 @@ IN_TABLES = {
     "scrambled": (lambda row: row.update(dataset_to_index=row["dataset_to_index"] + 60), "dataset_to_index in"),
     "lengths": (
         lambda row: row.update(length=row["length"] + 1, dataset_to_index=None),
-        "another length than the rows",
+        "lengths in meta/episodes disagree",
     ),
-    "shorter": (lambda row: row.update(length=row["length"] - 1), "another length than the rows"),
+    "shorter": (lambda row: row.update(length=row["length"] - 1), "lengths in meta/episodes disagree"),
     "no lengths": (lambda row: row.update(length=None, dataset_to_index=None, dataset_from_index=None), ""),
     "other file": (lambda row: row.update({"data/file_index": 0}), "names another table"),
     "missing file": (lambda row: row.update({"data/file_index": 9}), "names another table"),
