@@ -113,7 +113,8 @@ class Videos:
             if by_rows is not None:
                 return _places(video, by_rows, rows)
         elif sum(stated.values()) != frames:
-            return _places(video, by_time, lasting) if tiled else {}
+            denied = any(rows[number] not in (0, length) for number, length in lasting.items())
+            return _places(video, by_time, lasting) if tiled and not denied else {}
         elif not tiled:
             as_stated = _better(video, inside, by_time, stated)
             if as_stated is not None and _each_confirmed(video, as_stated, stated):

@@ -17,7 +17,9 @@ from tests.stages.datasets.foreign import FPS, FRONT, edit_episodes, edit_info, 
 from tests.stages.videos import number_in
 
 LENGTHS = (9, 5, 7, 6)
-BEGIN, END, FILE = (f"videos/{FRONT}/{name}" for name in ("from_timestamp", "to_timestamp", "file_index"))
+BEGIN, END, FILE, CHUNK = (
+    f"videos/{FRONT}/{name}" for name in ("from_timestamp", "to_timestamp", "file_index", "chunk_index")
+)
 TABLE = "data/chunk-000/file-000.parquet"
 TRUE = [[number(episode, frame) for frame in range(length)] for episode, length in enumerate(LENGTHS)]
 
@@ -106,6 +108,44 @@ def test_lengths_decide_without_tables_if_the_durations_confirm_them(data_set):
     assert taken(path)[0] == TRUE
     edit_episodes(path, lambda row: row.update(length=LENGTHS[row["episode_index"] ^ 1]))
     assert not any(video in TRUE for video in taken(path)[0])
+
+
+def test_two_swapped_time_stamps_do_not_swap_episodes(data_set):
+    """Alone, the first time stamps tell of another order, but the rows and the other time stamps agree."""
+    path = data_set(per_file=4)
+    swapped = {1: 2.1, 3: 0.9}
+    edit_episodes(path, lambda row: row.update({BEGIN: swapped.get(row["episode_index"], row[BEGIN])}))
+    found, notes = taken(path)
+    assert found == TRUE and "found by counting frames" in notes
+
+
+def test_times_that_fill_a_file_decide_only_without_rows(data_set):
+    path = data_set(per_file=1)
+    edit_episodes(path, lambda row: row.update(length=LENGTHS[row["episode_index"] ^ 1]))
+    edit_episodes(path, lambda row: row["episode_index"] == 1 and row.update({CHUNK: 2, END: 0.7}))
+    assert taken(path)[0] == TRUE
+    edit_episodes(path, lambda row: row["episode_index"] == 1 and row.update({CHUNK: 1, END: 0.5}))
+    shutil.rmtree(path / "data")
+    assert taken(path)[0] == TRUE
+
+
+def test_overlapping_episodes_are_refused(data_set):
+    path = data_set(per_file=4)
+    shutil.rmtree(path / "data")
+    edit_episodes(path, lambda row: row.update(length=row["length"] * 2) if row["episode_index"] == 0 else None)
+    edit_episodes(path, lambda row: row.update({END: 1.8}) if row["episode_index"] == 0 else None)
+    found, _ = taken(path)
+    assert "contradict the lengths" in found[0] and "contradict the lengths" in found[1] and found[2:] == TRUE[2:]
+
+
+def test_rows_of_episodes_that_are_not_listed_help(data_set):
+    """A deleted episode that is still in the tables and videos, and an episode in another file than the stated one."""
+    path = data_set(per_file=1)
+    for file in (path / "meta/episodes").rglob("*.parquet"):
+        rows = [row for row in pyarrow.parquet.read_table(file).to_pylist() if row["episode_index"] != 2]
+        pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows), file)
+    edit_episodes(path, lambda row: row["episode_index"] == 1 and row.update({CHUNK: 2}))
+    assert taken(path)[0] == [*TRUE[:2], TRUE[3]]
 
 
 def test_episodes_in_another_order_than_their_numbers(data_set):
