@@ -363,3 +363,37 @@ def test_no_image_outside_the_data_set_is_read(data_set, tmp_path, name):
     assert (
         all("leads out of the dataset, and is not followed" in video for video in found[:2]) and found[2:] == TRUE[2:]
     )
+
+
+def disturb(rows, rng):
+    """Change the values of one column of the table of episodes, which also tell about videos."""
+    name = str(rng.choice([BEGIN, END, FILE, CHUNK, "length", "dataset_from_index", "dataset_to_index"]))
+    values = [row[name] for row in rows]
+    unit = 1 / FPS if name in (BEGIN, END) else 1
+    kind = rng.integers(6)
+    if kind == 0:
+        values[rng.integers(len(rows))] += unit * int(rng.choice([-3, -1, 1, 2, 5]))
+    elif kind == 1:
+        values = [value + unit * int(rng.choice([-1, 1, 2])) for value in values]
+    elif kind == 2:
+        values = [values[k] for k in rng.permutation(len(rows))]
+    elif kind == 3:
+        values = [None] * len(rows)
+    elif kind == 4:
+        values = [values[0]] * len(rows)
+    else:
+        values = [2 * value for value in values]
+    for row, value in zip(rows, values, strict=True):
+        row[name] = value
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_disturbed_metadata_never_gives_frames_of_another_episode(data_set, seed):
+    rng = np.random.default_rng(seed)
+    path = data_set(per_file=int(rng.choice([1, 2, 4])))
+    files = sorted((path / "meta/episodes").rglob("*.parquet"))
+    rows = [row for file in files for row in pyarrow.parquet.read_table(file).to_pylist()]
+    disturb(rows, rng)
+    pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows), files[0])
+    files[1].unlink()
+    assert all(isinstance(video, str) or video == TRUE[k] for k, video in enumerate(taken(path)[0]))
