@@ -50,6 +50,7 @@ class Videos:
                 self._inside[one.video].append(one)
         self._opened: VideoFile | None = None
         self._found: dict[Path | None, Mapping[int, Place]] = {}  # Per file, or None for all files together.
+        self._unclear: dict[Path, ArtifactError] = {}
         self._rows: dict[int, int] = {}
 
     def window(self, one: Listed, notes: Sequence[str]) -> VideoWindow:
@@ -95,8 +96,14 @@ class Videos:
         Raises:
             ArtifactError: The file cannot be read, or lengths add up but contradict the time stamps.
         """
+        if file in self._unclear:
+            raise self._unclear[file]
         if file not in self._found:
-            self._found[file] = self._count(self._open(file), self._inside[file])
+            try:
+                self._found[file] = self._count(self._open(file), self._inside[file])
+            except ArtifactError as error:
+                self._unclear[file] = error
+                raise
         return self._found[file]
 
     def _count(self, video: VideoFile, inside: Sequence[Listed]) -> Mapping[int, Place]:

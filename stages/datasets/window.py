@@ -12,6 +12,7 @@ from artifacts import ArtifactError
 from stages.footage.video import VideoFile
 
 HALF = 0.5  # frames that a duration may differ from a length
+PERIODS = 1000  # frames at the beginning of a file that give its frame rate
 LEAST, SHARE = 2, 0.02  # tolerated disagreement of a table about a length, in frames and as a fraction
 
 
@@ -97,19 +98,20 @@ def nearest(video: VideoFile, time: float) -> int:
 
     In long files, the sum of durations drifts by a fraction of a frame.
     """
-    stamps, period = video.begins + video.times, period_of(video) or 1.0
     if not math.isfinite(time):
         return -1
-    if time < stamps[0] - period / 2:
-        return min(round((time - stamps[0]) / period), -1)
-    if time > stamps[-1] + period / 2:
-        return len(stamps) - 1 + max(round((time - stamps[-1]) / period), 1)
-    return int(np.searchsorted(stamps, time - period / 2))
+    period, time = period_of(video) or 1.0, time - video.begins  # The first timestamp is now 0.
+    last = float(video.times[-1])
+    if time < -period / 2:
+        return min(round(time / period), -1)
+    if time > last + period / 2:
+        return len(video.times) - 1 + max(round((time - last) / period), 1)
+    return int(np.searchsorted(video.times, time - period / 2))
 
 
 def period_of(video: VideoFile) -> float:
-    """Seconds between two frames; 0 for a single frame."""
-    return float(np.median(np.diff(video.times))) if len(video.times) > 1 else 0.0
+    """Seconds between two frames, as at the beginning of the file; 0 for a single frame."""
+    return float(np.median(np.diff(video.times[:PERIODS]))) if len(video.times) > 1 else 0.0
 
 
 def slack(length: int) -> float:
