@@ -30,9 +30,9 @@ class Episode(Source):
     """An episode before it is opened.
 
     Attributes:
-        inside: The files that contain the episode, wholly or in part.
+        inside: The files that contain the episode, wholly or in part, and those that say where it is.
         opener: Opens the episode.
-        pictures: Finds the files of its images, if each is a file of its own.
+        pictures: Finds further files, for example of images that are files of their own.
         digests: SHA-256 of the dataset's files, shared by its episodes so that each file is read once.
     """
 
@@ -49,12 +49,15 @@ class Episode(Source):
         return self.opener()
 
     def sha256(self) -> str:
-        """SHA-256 of the episode's name and the digests of the files that contain it."""
+        """SHA-256 of the episode's name and the digests of its files; that of an unreadable file is empty."""
         digest = hashlib.sha256(f"{self.part}\0{self.camera}\n".encode("utf-8", "surrogateescape"))
         for file in self.files:
             if file not in self.digests:
-                check_is_there(file)
-                self.digests[file] = sha256_of(file)
+                try:
+                    check_is_there(file)
+                    self.digests[file] = sha256_of(file)
+                except (ArtifactError, OSError):  # Reported when the episode is opened, unless it is not needed.
+                    self.digests[file] = ""
             digest.update(f"{self.digests[file]}\n".encode())
         return digest.hexdigest()
 

@@ -15,6 +15,7 @@ MOST_PIXELS = 2**26  # of an image; a decoder needs up to eight bytes for each
 PNG_HEADER = struct.Struct(">8x4x4sII")  # signature, length, the type of the first chunk, width, height
 JPEG_SEGMENT = struct.Struct(">BBHxHH")  # 0xFF, type, length, bits per sample, height, width
 JPEG_SIZES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # types of the segments that record the size
+LATEST = 1e12  # seconds; a later time stamp is not one
 RATES = 0.01, 10_000  # plausible frames per second
 Read = Callable[[np.ndarray], Iterator[np.ndarray]]
 
@@ -72,7 +73,7 @@ def times_of(stamps: np.ndarray | None, count: int, rate: float, unknown: str) -
     if stamps is not None:
         if stamps.shape == (count,) and stamps.dtype.kind in "fiu":
             stamps = stamps.astype(float)
-            if np.isfinite(stamps).all() and (np.diff(stamps) > 0).all():
+            if (np.abs(stamps) < LATEST).all() and (np.diff(stamps) > 0).all():
                 return stamps, []
         notes.append("time stamps that do not increase from frame to frame are replaced by equal steps")
     return np.arange(count) / (rate or RATE), notes + ([] if rate else [unknown])

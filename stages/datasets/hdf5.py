@@ -14,6 +14,7 @@ from artifacts import ArtifactError
 from stages.datasets.episode import check_is_there, is_plain, reason_of
 from stages.datasets.frames import StoredFrames, as_picture, check_picture_size, from_bytes, times_of
 from stages.datasets.hdf5_chunks import LARGEST_CHUNK, StoredArray
+from stages.datasets.hdf5_heaps import check_heaps
 from stages.footage.container import SMALLEST
 
 if TYPE_CHECKING:
@@ -42,6 +43,7 @@ def opened(path: Path, label: str = "") -> Iterator[h5py.File]:
     name = label or path
     try:
         check_is_there(path)
+        check_heaps(path)
         with h5py.File(path, "r", locking=False, rdcc_nbytes=CACHE) as file:
             yield file
     except BlockingIOError as error:

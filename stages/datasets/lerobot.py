@@ -60,6 +60,8 @@ def read_lerobot(path: Path, wanted: str) -> list[Episode]:
         _template(path, info, "video_path", VIDEO_PATH, camera),
     )
     listed, doubtful = _listed(path, files, camera, as_video, *templates)
+    if not listed:
+        raise ArtifactError(f"{path}: has no episodes: expected at least one in {EPISODES}")
     total = _whole_number(info.get("total_episodes"))
     if total > len(listed):
         notes.append(f"{EPISODES} lacks some of the {total} episodes that {INFO} declares")
@@ -82,7 +84,7 @@ def read_lerobot(path: Path, wanted: str) -> list[Episode]:
             path,
             part=f"episode {one.number}",
             camera=camera,
-            inside=tuple(file for file in [one.video if as_video else one.table] if file is not None),
+            inside=(path / INFO, *files, *filter(None, [one.video if as_video else one.table])),
             opener=partial(open_one, one),
             pictures=tuple if as_video else partial(picture_files, path, tables, one, camera),
             digests=digests,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -20,7 +21,7 @@ from stages.datasets.lerobot_paths import EPISODES, INFO, Listed, Template
 MOST_BYTES = 256 * 2**20  # maximum size of an image file
 RATE_SLACK = 0.1  # relative difference between time stamps and the frame rate that is worth a remark
 UNKNOWN_RATE = "no frame rate is recorded; 25 frames per second are assumed"
-OTHER_LENGTH = f"{EPISODES} states another length than the rows of the tables, which decide"
+OTHER_LENGTH = f"lengths in {EPISODES} disagree with the rows and frames, which decide"
 OTHER_RANGE = (
     f"dataset_from_index and dataset_to_index in {EPISODES} disagree with the rows of the tables, which decide"
 )
@@ -69,6 +70,7 @@ class Tables:
         self._paths: tuple[Path, list[str | None]] | None = None
         self._all: list[Path] | None = None
         self._holders: dict[int, list[Path]] = {}
+        self._lengths: dict[int, int] = defaultdict(int)
         self._starts = {float(total)}  # Indices that follow the last row of a table.
 
     def rows_of(self, one: Listed) -> Rows:
@@ -91,20 +93,30 @@ class Tables:
             raise problem or ArtifactError(f"{one.label}: the tables have no rows for it: download the dataset again")
         return rows
 
+    def lengths(self) -> dict[int, int]:
+        """Number of rows of every episode that a readable table contains, also of those that are listed nowhere."""
+        self._scan()
+        return dict(self._lengths)
+
     def _elsewhere(self, one: Listed) -> list[Path]:
         """All readable tables that contain rows of an episode."""
-        if self._all is None:
-            self._all = self._template.files()
-            for file in self._all:
-                try:
-                    columns = self._numbers(file)
-                except ArtifactError:  # Reported for the episodes that it should contain.
-                    continue
-                self._starts |= {*columns.get("index", ())[:1]}
-                numbers = columns["episode_index"]
-                for number in np.unique(numbers[np.isfinite(numbers)]):
-                    self._holders.setdefault(int(number), []).append(file)
+        self._scan()
         return self._holders.get(one.number, [])
+
+    def _scan(self) -> None:
+        if self._all is not None:
+            return
+        self._all = self._template.files()
+        for file in self._all:
+            try:
+                columns = self._numbers(file)
+            except ArtifactError:  # Reported for the episodes that it should contain.
+                continue
+            self._starts |= {*columns.get("index", ())[:1]}
+            numbers = columns["episode_index"]
+            for number, count in zip(*np.unique(numbers[np.isfinite(numbers)], return_counts=True), strict=True):
+                self._holders.setdefault(int(number), []).append(file)
+                self._lengths[int(number)] += int(count)
 
     def _numbers(self, file: Path) -> dict[str, np.ndarray]:
         if self._cached is None or self._cached[0] != file:
@@ -226,10 +238,13 @@ def picture_file(path: Path, one: Listed, camera: str, name: str) -> Path | None
         ArtifactError: The name, or a link that it leads to, is outside the dataset's folder.
     """
     outside = f"{one.label}: a path of {camera} leads out of the dataset, and is not followed: copy the file into it"
-    if not all(is_plain(part) for part in name.split("/")) or Path(name).is_absolute() or ".." in Path(name).parts:
+    relative, root = Path(name), Path(os.path.abspath(path))
+    if relative.is_absolute() and relative.is_relative_to(root):
+        relative = relative.relative_to(root)
+    if relative.is_absolute() or ".." in relative.parts or not all(map(is_plain, relative.parts)):
         raise ArtifactError(outside)
     for folder in (path, path / "images" / camera / f"episode-{one.number:06d}"):
-        file = folder / name
+        file = folder / relative
         if os.path.isfile(file):  # Unlike Path.is_file, it never raises.
             if not file.resolve().is_relative_to(path.resolve()):
                 raise ArtifactError(outside)
@@ -238,11 +253,12 @@ def picture_file(path: Path, one: Listed, camera: str, name: str) -> Path | None
 
 
 def picture_files(path: Path, tables: Tables, one: Listed, camera: str) -> list[Path]:
-    """The image files of an episode that a table names and that exist; empty if they are stored in the tables."""
-    found = []
+    """The files of an episode besides the table that it states: other tables, and the image files that they name."""
+    found: list[Path] = []
     try:
         rows = tables.rows_of(one)
         for k in np.unique(rows.table):
+            found += [rows.files[k]] if rows.files[k] != one.table else []
             names = tables.paths(rows.files[k], camera)
             for row in rows.row[rows.table == k] if names else ():
                 name = names[row]

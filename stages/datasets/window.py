@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator, Sequence
 from contextlib import closing
 
@@ -10,6 +11,8 @@ import numpy as np
 from artifacts import ArtifactError
 from stages.footage.video import VideoFile
 
+HALF = 0.5  # frames that a duration may differ from a length
+PERIODS = 1000  # frames at the beginning of a file that give its frame rate
 LEAST, SHARE = 2, 0.02  # tolerated disagreement of a table about a length, in frames and as a fraction
 
 
@@ -83,12 +86,12 @@ def between(
     """
     period = period_of(video) or max(end - begin, 0.0) or 1.0
     lasting = (end - begin) / period
-    if not 0 < lasting < float("inf") or (length and abs(round(lasting) - length) > slack(length)):
+    if not 0 < lasting < float("inf") or (length and abs(lasting - length) > HALF):
         raise ArtifactError(
             f"{label}: spans {begin:g} to {end:g} s but has {length} frames: its tables are damaged; download the "
             "dataset again"
         )
-    first = nearest(video, begin)
+    first = max(nearest(video, begin), 0)
     if first >= len(video.times):
         ends = video.begins + float(video.times[-1]) + period
         raise ArtifactError(f"{video.label}: ends at {ends:.2f} s, before {label}: download it again")
@@ -96,13 +99,24 @@ def between(
 
 
 def nearest(video: VideoFile, time: float) -> int:
-    """Index of the frame whose timestamp is nearest to a time; in long files the sum of durations drifts a little."""
-    return int(np.searchsorted(video.begins + video.times, time - period_of(video) / 2))
+    """Index of the frame whose timestamp is nearest to a time, continued beyond the file; -1 if there is no time.
+
+    In long files, the sum of durations drifts by a fraction of a frame.
+    """
+    if not math.isfinite(time):
+        return -1
+    period, time = period_of(video) or 1.0, time - video.begins  # The first timestamp is now 0.
+    last = float(video.times[-1])
+    if time < -period / 2:
+        return min(round(time / period), -1)
+    if time > last + period / 2:
+        return len(video.times) - 1 + max(round((time - last) / period), 1)
+    return int(np.searchsorted(video.times, time - period / 2))
 
 
 def period_of(video: VideoFile) -> float:
-    """Seconds between two frames; 0 for a single frame."""
-    return float(np.median(np.diff(video.times))) if len(video.times) > 1 else 0.0
+    """Seconds between two frames, as at the beginning of the file; 0 for a single frame."""
+    return float(np.median(np.diff(video.times[:PERIODS]))) if len(video.times) > 1 else 0.0
 
 
 def slack(length: int) -> float:

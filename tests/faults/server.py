@@ -6,6 +6,7 @@ A fork takes milliseconds where a new process imports for seconds, and a crash e
 from __future__ import annotations
 
 import ctypes
+import io
 import os
 import resource
 import select
@@ -151,8 +152,10 @@ def _redirect(logs: Path, stdin: bytes | int) -> None:
     for number, name in ((1, "stdout"), (2, "stderr")):
         os.dup2(os.open(logs / name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666), number)
     # A test runner may have put something else in their places.
-    sys.stdout = open(1, "w", encoding="utf-8", closefd=False)
-    sys.stderr = open(2, "w", encoding="utf-8", errors="backslashreplace", closefd=False)
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        binary = io.FileIO(number, "w", closefd=False)
+        text = io.TextIOWrapper(io.BufferedWriter(binary), encoding="utf-8", errors="backslashreplace")
+        setattr(sys, name, text)
 
 
 def respect_permissions() -> None:

@@ -223,6 +223,30 @@ def test_groups_of_great_depth(edited):
     assert edited(change) == (TRUE, "")
 
 
+@pytest.mark.parametrize("offset", [16, 40])
+def test_heaps_without_an_end(original, tmp_path, offset):
+    """HDF5 never returns from a heap with zeros in it."""
+    path = shutil.copy(original, tmp_path / "demo.hdf5")
+    content = bytearray(original.read_bytes())
+    at = content.index(b"GCOL") + offset
+    content[at : at + 512] = bytes(512)
+    path.write_bytes(content)
+    with pytest.raises(ArtifactError, match="a heap without an end"):
+        taken(path)
+
+
+@pytest.mark.parametrize(
+    ("error", "words"), [(BlockingIOError, "is locked by another program"), (MemoryError, "does not fit in memory")]
+)
+def test_not_every_file_that_cannot_be_read_is_damaged(original, monkeypatch, error, words):
+    def fail(*_, **__):
+        raise error
+
+    monkeypatch.setattr(h5py, "File", fail)
+    with pytest.raises(ArtifactError, match=words):
+        find_episodes(original, "")
+
+
 def test_links_in_a_circle(edited):
     def change(file):
         file["data/demo_0/obs/a"] = h5py.SoftLink("/data/demo_0/obs/b")

@@ -17,7 +17,9 @@ from tests.stages.datasets.foreign import FPS, FRONT, edit_episodes, edit_info, 
 from tests.stages.videos import number_in
 
 LENGTHS = (9, 5, 7, 6)
-BEGIN, END, FILE = (f"videos/{FRONT}/{name}" for name in ("from_timestamp", "to_timestamp", "file_index"))
+BEGIN, END, FILE, CHUNK = (
+    f"videos/{FRONT}/{name}" for name in ("from_timestamp", "to_timestamp", "file_index", "chunk_index")
+)
 TABLE = "data/chunk-000/file-000.parquet"
 TRUE = [[number(episode, frame) for frame in range(length)] for episode, length in enumerate(LENGTHS)]
 
@@ -75,8 +77,11 @@ IN_VIDEOS = {
     "times from zero": (lambda row: row.update({BEGIN: 0.0, END: row["length"] / FPS}), "found by counting frames"),
     "times backward": (lambda row: row.update({BEGIN: 9.0 - row["episode_index"]}), "found by counting frames"),
     "times of another rate": (lambda row: row.update({BEGIN: row[BEGIN] * 2, END: row[END] * 2}), "by counting frames"),
-    "lengths": (lambda row: row.update(length=row["length"] + 1), "another length than the rows"),
-    "swapped lengths": (lambda row: row.update(length=LENGTHS[row["episode_index"] ^ 1]), "another length than the"),
+    "lengths": (lambda row: row.update(length=row["length"] + 1), "lengths in meta/episodes disagree"),
+    "swapped lengths": (
+        lambda row: row.update(length=LENGTHS[row["episode_index"] ^ 1]),
+        "lengths in meta/episodes disagree",
+    ),
     "no lengths": (lambda row: row.update(length=None), ""),
     "all in one file": (lambda row: row.update({FILE: 0}), "names another video file"),
     "last one in the file before": (lambda row: row["episode_index"] == 2 and row.update({FILE: 0}), "another video"),
@@ -105,6 +110,44 @@ def test_lengths_decide_without_tables_if_the_durations_confirm_them(data_set):
     assert not any(video in TRUE for video in taken(path)[0])
 
 
+def test_two_swapped_time_stamps_do_not_swap_episodes(data_set):
+    """Alone, the first time stamps tell of another order, but the rows and the other time stamps agree."""
+    path = data_set(per_file=4)
+    swapped = {1: 2.1, 3: 0.9}
+    edit_episodes(path, lambda row: row.update({BEGIN: swapped.get(row["episode_index"], row[BEGIN])}))
+    found, notes = taken(path)
+    assert found == TRUE and "found by counting frames" in notes
+
+
+def test_times_that_fill_a_file_decide_only_without_rows(data_set):
+    path = data_set(per_file=1)
+    edit_episodes(path, lambda row: row.update(length=LENGTHS[row["episode_index"] ^ 1]))
+    edit_episodes(path, lambda row: row["episode_index"] == 1 and row.update({CHUNK: 2, END: 0.7}))
+    assert taken(path)[0] == TRUE
+    edit_episodes(path, lambda row: row["episode_index"] == 1 and row.update({CHUNK: 1, END: 0.5}))
+    shutil.rmtree(path / "data")
+    assert taken(path)[0] == TRUE
+
+
+def test_overlapping_episodes_are_refused(data_set):
+    path = data_set(per_file=4)
+    shutil.rmtree(path / "data")
+    edit_episodes(path, lambda row: row.update(length=row["length"] * 2) if row["episode_index"] == 0 else None)
+    edit_episodes(path, lambda row: row.update({END: 1.8}) if row["episode_index"] == 0 else None)
+    found, _ = taken(path)
+    assert "contradict the lengths" in found[0] and "contradict the lengths" in found[1] and found[2:] == TRUE[2:]
+
+
+def test_rows_of_episodes_that_are_not_listed_help(data_set):
+    """A deleted episode that is still in the tables and videos, and an episode in another file than the stated one."""
+    path = data_set(per_file=1)
+    for file in (path / "meta/episodes").rglob("*.parquet"):
+        rows = [row for row in pyarrow.parquet.read_table(file).to_pylist() if row["episode_index"] != 2]
+        pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows), file)
+    edit_episodes(path, lambda row: row["episode_index"] == 1 and row.update({CHUNK: 2}))
+    assert taken(path)[0] == [*TRUE[:2], TRUE[3]]
+
+
 def test_episodes_in_another_order_than_their_numbers(data_set):
     path = data_set(per_file=2)
     swap = {0: 1, 1: 0, 2: 2, 3: 3}
@@ -131,7 +174,9 @@ def test_unclear_episodes_of_a_truncated_video_are_refused(data_set, originals):
     shutil.copy(originals(per_file=3) / name, path / name)
     found, _ = taken(path)
     assert found[:3] == TRUE[:3] and "before" in found[3]
-    edit_episodes(path, drifting)
+    edit_episodes(
+        path, lambda row: row.update({BEGIN: row[BEGIN] * 1.07, END: row[BEGIN] * 1.07 + row["length"] / FPS})
+    )
     found, _ = taken(path)
     assert found[0] == TRUE[0]
     assert all(isinstance(video, str) or video in TRUE for video in found) and "contradict" in found[2] + found[3]
@@ -141,9 +186,9 @@ IN_TABLES = {
     "scrambled": (lambda row: row.update(dataset_to_index=row["dataset_to_index"] + 60), "dataset_to_index in"),
     "lengths": (
         lambda row: row.update(length=row["length"] + 1, dataset_to_index=None),
-        "another length than the rows",
+        "lengths in meta/episodes disagree",
     ),
-    "shorter": (lambda row: row.update(length=row["length"] - 1), "another length than the rows"),
+    "shorter": (lambda row: row.update(length=row["length"] - 1), "lengths in meta/episodes disagree"),
     "no lengths": (lambda row: row.update(length=None, dataset_to_index=None, dataset_from_index=None), ""),
     "other file": (lambda row: row.update({"data/file_index": 0}), "names another table"),
     "missing file": (lambda row: row.update({"data/file_index": 9}), "names another table"),
@@ -175,6 +220,16 @@ def test_rows_in_any_order(data_set, fault):
     edit_rows(path, ROWS[fault])
     found, notes = taken(path)
     assert found == TRUE and not notes
+
+
+def test_rows_in_another_table_are_imported(ifo, numbers, data_set):
+    path = data_set(video=False)
+    edit_episodes(path, lambda row: row.update({"data/file_index": 9}))
+    code, result, said = ifo(path)
+    assert code == 0 and numbers(result["path"]) == [
+        [video[0], video[(len(video) - 1) // 2], video[-1]] for video in TRUE
+    ]
+    assert said.count("names another table than the one with the rows, which is read (4 of 4 videos") == 1
 
 
 def test_an_episode_in_two_tables(data_set):
@@ -255,7 +310,7 @@ def test_images_may_be_paths(data_set, text):
     as_files(path, text=text)
     assert taken(path) == (TRUE, "")
     episode = read_lerobot(path, "")[0]
-    assert [file.name for file in episode.files] == ["file-000.parquet", *(f"{k:04d}.jpeg" for k in range(9))]
+    assert [file.name for file in episode.files[-10:]] == ["file-000.parquet", *(f"{k:04d}.jpeg" for k in range(9))]
     before = episode.sha256()
     (path / "images/0002.jpeg").write_bytes(cv2.imencode(".png", shown(3, 3))[1].tobytes())
     assert read_lerobot(path, "")[0].sha256() != before
@@ -263,10 +318,35 @@ def test_images_may_be_paths(data_set, text):
     assert "an image file of" in taken(path)[0][0] and taken(path)[0][1:] == TRUE[1:]
 
 
+@pytest.mark.parametrize("form", ["{root}/images/{name}", "./images//{name}"])
+def test_paths_inside_the_data_set_may_be_written_in_any_way(data_set, form):
+    path = data_set(video=False)
+    as_files(path)
+    for row in (rows := pyarrow.parquet.read_table(path / TABLE).to_pylist()):
+        row[FRONT]["path"] = form.format(root=path, name=row[FRONT]["path"].removeprefix("images/"))
+    edit_rows(path, lambda _: rows)
+    assert taken(path) == (TRUE, "")
+
+
 def test_images_may_lie_where_lerobot_records_them(data_set):
     path = data_set(video=False, per_file=1)
     as_files(path, f"images/{FRONT}/episode-000000", lambda row: f"frame-{row['frame_index']:06d}.png")
     assert taken(path) == (TRUE, "")
+
+
+def test_a_change_of_any_file_that_matters_changes_the_digest(data_set):
+    """A rerun must not keep what was made from other metadata, or from rows that another table contains."""
+    path = data_set(video=False)
+    edit_episodes(path, lambda row: row.update({"data/file_index": 9}))
+    found = [read_lerobot(path, "")[0].sha256()]
+    for change in (
+        lambda: edit_info(path, fps=5),
+        lambda: edit_episodes(path, lambda row: row.update(length=3)),
+        lambda: edit_rows(path, lambda rows: rows[::-1]),
+    ):
+        change()
+        found.append(read_lerobot(path, "")[0].sha256())
+    assert len(set(found)) == 4
 
 
 @pytest.mark.parametrize(
@@ -283,3 +363,37 @@ def test_no_image_outside_the_data_set_is_read(data_set, tmp_path, name):
     assert (
         all("leads out of the dataset, and is not followed" in video for video in found[:2]) and found[2:] == TRUE[2:]
     )
+
+
+def disturb(rows, rng):
+    """Change the values of one column of the table of episodes, which also tell about videos."""
+    name = str(rng.choice([BEGIN, END, FILE, CHUNK, "length", "dataset_from_index", "dataset_to_index"]))
+    values = [row[name] for row in rows]
+    unit = 1 / FPS if name in (BEGIN, END) else 1
+    kind = rng.integers(6)
+    if kind == 0:
+        values[rng.integers(len(rows))] += unit * int(rng.choice([-3, -1, 1, 2, 5]))
+    elif kind == 1:
+        values = [value + unit * int(rng.choice([-1, 1, 2])) for value in values]
+    elif kind == 2:
+        values = [values[k] for k in rng.permutation(len(rows))]
+    elif kind == 3:
+        values = [None] * len(rows)
+    elif kind == 4:
+        values = [values[0]] * len(rows)
+    else:
+        values = [2 * value for value in values]
+    for row, value in zip(rows, values, strict=True):
+        row[name] = value
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_disturbed_metadata_never_gives_frames_of_another_episode(data_set, seed):
+    rng = np.random.default_rng(seed)
+    path = data_set(per_file=int(rng.choice([1, 2, 4])))
+    files = sorted((path / "meta/episodes").rglob("*.parquet"))
+    rows = [row for file in files for row in pyarrow.parquet.read_table(file).to_pylist()]
+    disturb(rows, rng)
+    pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows), files[0])
+    files[1].unlink()
+    assert all(isinstance(video, str) or video == TRUE[k] for k, video in enumerate(taken(path)[0]))

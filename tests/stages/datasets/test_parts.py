@@ -161,6 +161,7 @@ REPLACED = "time stamps that do not increase from frame to frame are replaced by
         (np.array([[0.0, 0.5, 0.7]]), 10, [0.0, 0.1, 0.2], [REPLACED]),
         (np.array([0.0, 0.5, 0.5]), 10, [0.0, 0.1, 0.2], [REPLACED]),
         (np.array([0.0, 0.5, np.inf]), 10, [0.0, 0.1, 0.2], [REPLACED]),
+        (np.array([-1e308, 0.0, 1e308]), 10, [0.0, 0.1, 0.2], [REPLACED]),
         (np.array([0.0, 0.5, np.nan]), 0, [0.0, 0.04, 0.08], [REPLACED, "unknown"]),
         (np.array([b"a", b"b", b"c"]), 10, [0.0, 0.1, 0.2], [REPLACED]),
     ],
@@ -258,8 +259,7 @@ def window(begin, end, length=0, frames=60, begins=0.0, notes=()):
         (1.0, 2.0, 0, 0.0, 10, 10),
         (1.04, 2.04, 10, 0.0, 10, 10),
         (0.96, 1.96, 10, 0.0, 10, 10),
-        (1.0, 2.0, 12, 0.0, 10, 12),
-        (1.0, 2.0, 8, 0.0, 10, 8),
+        (1.0, 2.04, 10, 0.0, 10, 10),
         (1.5, 2.5, 10, 0.5, 10, 10),
     ],
 )
@@ -289,7 +289,7 @@ def test_a_window_beyond_the_file_is_cut_or_refused():
         window(6.0, 7.0)
 
 
-@pytest.mark.parametrize(("begin", "end", "length"), [(2.0, 2.0, 0), (2.0, 1.0, 10), (1.0, 2.0, 13), (1.0, 2.0, 7)])
+@pytest.mark.parametrize(("begin", "end", "length"), [(2.0, 2.0, 0), (2.0, 1.0, 10), (1.0, 2.0, 11), (1.0, 2.0, 9)])
 def test_tables_that_contradict_themselves_are_refused(begin, end, length):
     with pytest.raises(ArtifactError, match=rf"episode 2: spans {begin:g} to {end:g} s but has {length} frames"):
         window(begin, end, length)
