@@ -19,6 +19,18 @@ def to_tree(value: Any) -> Any:
     return value
 
 
+def check_optimiser(optimiser: torch.optim.Optimizer) -> None:
+    """Check a restored optimizer, whose state torch takes over without a look at its shapes.
+
+    Raises:
+        ValueError: The state does not fit the parameters.
+    """
+    for parameter, state in optimiser.state.items():
+        for name, value in state.items():
+            if isinstance(value, torch.Tensor) and name != "step" and value.shape != parameter.shape:
+                raise ValueError(f"{name} of the optimizer has shape {tuple(value.shape)}")
+
+
 def from_tree(value: Any) -> Any:
     """Replace every NumPy array in nested dicts, lists and tuples by a tensor."""
     if isinstance(value, np.ndarray):
