@@ -27,8 +27,9 @@ def check_optimiser(optimiser: torch.optim.Optimizer) -> None:
     """
     for parameter, state in optimiser.state.items():
         for name, value in state.items():
-            if isinstance(value, torch.Tensor) and name != "step" and value.shape != parameter.shape:
-                raise ValueError(f"{name} of the optimizer has shape {tuple(value.shape)}")
+            shape = () if name == "step" else parameter.shape
+            if isinstance(value, torch.Tensor) and (value.shape != shape or not value.is_floating_point()):
+                raise ValueError(f"{name} of the optimizer is {value.dtype} of shape {tuple(value.shape)}")
 
 
 def from_tree(value: Any) -> Any:

@@ -53,5 +53,10 @@ def test_the_state_of_another_optimizer_is_refused():
     optimiser = trained(3)
     check_optimiser(optimiser)
     optimiser.load_state_dict(trained(4).state_dict())
-    with pytest.raises(ValueError, match=r"exp_avg of the optimizer has shape \(2, 4\)"):
+    with pytest.raises(ValueError, match=r"exp_avg of the optimizer is torch\.float32 of shape \(2, 4\)"):
+        check_optimiser(optimiser)
+    state = trained(3).state_dict()
+    state["state"][0]["step"] = torch.tensor(True)
+    optimiser.load_state_dict(state)
+    with pytest.raises(ValueError, match=r"step of the optimizer is torch\.bool"):
         check_optimiser(optimiser)
