@@ -17,6 +17,7 @@ DIGEST = "manifest_sha256"
 JSON_FIELDS = ("config", "parents", "environment", "datasets", "recipe", "summary")
 MOST_NESTED = 32  # lists and mappings in lists and mappings
 MOST_DIGITS = 100  # of a number in the manifest
+MOST_PARENTS = 10_000
 INT64 = range(-(2**63), 2**63)
 
 # Values that differ between two runs of the same command with the same seed: measured times and file names. Patterns
@@ -107,7 +108,7 @@ class Manifest(BaseModel):
     config: Values
     seed: Annotated[int, Field(ge=0)]
     command: str
-    parents: list[Parent]
+    parents: Annotated[list[Parent], Field(max_length=MOST_PARENTS)]
     environment: dict[Word, str]
     datasets: dict[str, Word] = {}
     content: Word = ""

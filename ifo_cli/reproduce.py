@@ -33,7 +33,7 @@ def reproduce(given: Given) -> None:
     config, preset = settled.config, settled.settings["preset"]
     out, quiet, dry_run = given.get("out"), given.get("quiet"), given.get("dry_run")
     grid = Grid(config.tasks, config.chosen_methods, config.contexts, preset, settled.settings["seed"])
-    if os.path.exists(out) and not os.path.isdir(out):
+    if os.path.lexists(out) and not os.path.isdir(out):
         raise UsageError(f"--out {out} is a file: expected a folder")
     with stdout_to_stderr():
         from stages.reproduce import Execution, described, missing, reproduce

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -106,12 +107,15 @@ def learner_state(model: Learner) -> dict[str, Any]:
 
 def restore_learner(model: Learner, state: dict[str, Any]) -> None:
     """Restore a state returned by `learner_state`, bit for bit."""
-    from stages.runtime.trees import from_tree
+    from stages.runtime.trees import check_optimiser, from_tree
 
     if isinstance(model, GuidedPolicySearch):
         model.restore(state)
         return
     model.set_parameters(from_tree(state["parameters"]), exact_match=True, device=model.device)
+    for name in state["parameters"]:
+        if name.endswith("optimizer"):
+            check_optimiser(attrgetter(name)(model))
     for name, value in from_tree(state["variables"]).items():
         getattr(model, name).data.copy_(value)
     model.num_timesteps = int(state["samples"])

@@ -22,7 +22,7 @@ from torch.nn import functional as F
 from stages.rewards.discriminators import GailDiscriminator, TpilDiscriminator, expert_loss, frozen
 from stages.rewards.frames import FrameReward
 from stages.runtime.seeding import generator, integer
-from stages.runtime.trees import from_tree, to_tree
+from stages.runtime.trees import check_optimiser, from_tree, to_tree
 from stages.simulation.contexts import Contexts
 from stages.simulation.render import RenderPool
 from stages.simulation.task import Task
@@ -141,6 +141,7 @@ class AdversarialReward(FrameReward):
     def restore(self, state: dict[str, Any]) -> None:
         self._model.load_state_dict(from_tree(state["model"]))
         self._optimiser.load_state_dict(from_tree(state["optimiser"]))
+        check_optimiser(self._optimiser)
         self._memory = [np.array(seen) for seen in state["memory"]]
         self._iteration = int(state["iteration"])
         self._judging = frozen(self._model)

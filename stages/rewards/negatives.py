@@ -20,7 +20,7 @@ from torch.nn import functional as F
 
 from stages.rewards.tracking import TrackingTarget
 from stages.runtime.seeding import generator
-from stages.runtime.trees import from_tree, to_tree
+from stages.runtime.trees import check_optimiser, from_tree, to_tree
 from stages.translation.networks import Translator, to_images
 
 BATCH = 64  # positives per step; the number of negatives is the same
@@ -132,5 +132,6 @@ class NegativeTuning:
         """Restore a state returned by `state`, bit for bit."""
         self.model.load_state_dict(from_tree(state["model"]))
         self._optimiser.load_state_dict(from_tree(state["optimiser"]))
+        check_optimiser(self._optimiser)
         self._seen, self._counts = np.array(state["seen"]), np.array(state["counts"])
         self._iteration = int(state["iteration"])

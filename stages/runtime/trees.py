@@ -19,6 +19,19 @@ def to_tree(value: Any) -> Any:
     return value
 
 
+def check_optimiser(optimiser: torch.optim.Optimizer) -> None:
+    """Check a restored optimizer, whose state torch takes over without a look at its shapes.
+
+    Raises:
+        ValueError: The state does not fit the parameters.
+    """
+    for parameter, state in optimiser.state.items():
+        for name, value in state.items():
+            shape = () if name == "step" else parameter.shape
+            if isinstance(value, torch.Tensor) and (value.shape != shape or not value.is_floating_point()):
+                raise ValueError(f"{name} of the optimizer is {value.dtype} of shape {tuple(value.shape)}")
+
+
 def from_tree(value: Any) -> Any:
     """Replace every NumPy array in nested dicts, lists and tuples by a tensor."""
     if isinstance(value, np.ndarray):

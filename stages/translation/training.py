@@ -21,7 +21,7 @@ from stages.runtime.processes import Processes
 from stages.runtime.run import RunOptions
 from stages.runtime.seeding import generator, integer
 from stages.runtime.tensorboard import TensorBoard
-from stages.runtime.trees import from_tree, to_tree
+from stages.runtime.trees import check_optimiser, from_tree, to_tree
 from stages.translation.alignment import video_index
 from stages.translation.augmentation import augmented
 from stages.translation.layers import DropoutLinear
@@ -219,6 +219,7 @@ class TranslatorTraining:
         self.model.load_state_dict(from_tree(state["model"]))
         self.average.load_state_dict(from_tree(state["average"]))
         self.optimiser.load_state_dict(from_tree(state["optimiser"]))
+        check_optimiser(self.optimiser)
 
     def _checked_index(self, index: np.ndarray) -> np.ndarray:
         count, length = self._frames.shape[:2]

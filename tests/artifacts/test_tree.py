@@ -137,6 +137,17 @@ def test_what_cannot_be_kept_is_refused_by_place(value):
         '{"scalar": ["<f8", "00"]}',
         '{"dict": [[[1], 2]]}',
         '{"bytes": "?"}',
+        '{"scalar": []}',
+        '{"scalar": ["<f8"]}',
+        '{"scalar": ["(", "00"]}',
+        '{"scalar": ["<f8,<f8", "00"]}',
+        '{"scalar": 3}',
+        '{"tuple": 3}',
+        '{"array": []}',
+        '{"dict": {"a": 1}}',
+        '{"dict": [[1, 2, 3]]}',
+        '{"numpy bytes": 3}',
+        "[" * 100_000,
     ],
 )
 def test_a_strange_text_is_an_artifact_error(text):

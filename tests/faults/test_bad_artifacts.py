@@ -131,3 +131,14 @@ def test_the_old_artifact_survives_a_stage_that_fails(tmp_path, monkeypatch, cap
     monkeypatch.setattr(sys, "stdin", io.StringIO(""))
     assert main(["train-translator", str(bad), "--out", str(kept)]) == 3
     assert kept.read_bytes() == old.read_bytes()
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_task_that_does_not_exist_is_the_files_fault(stage, tmp_path, monkeypatch, capfd):
+    words, kind = STAGES[stage]
+    monkeypatch.setitem(CONFIG, "task", "raech")
+    path = write(tmp_path, kind, [write(tmp_path, PARENT[kind])] if kind in PARENT else [])
+    monkeypatch.setattr(sys, "stdin", io.StringIO(""))
+    assert main([*words, str(path), "--out", str(tmp_path / "out.h5")]) == 3
+    [line] = capfd.readouterr().err.strip().splitlines()
+    assert path.name in line and "raech" in line

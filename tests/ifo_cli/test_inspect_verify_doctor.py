@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 
 import pytest
 
@@ -159,3 +160,21 @@ def test_doctor_is_content_here(run_ifo):
     code, out, err = run_ifo("doctor")
     assert code == 0, out + err
     assert [line.split()[0] for line in out.splitlines()] == ["ok"] * len(doctor.CHECKS)
+
+
+def test_verify_looks_at_all_that_is_named_like_an_artifact(run_ifo, make, tmp_path):
+    make("demos")
+    os.mkfifo(tmp_path / "a.demos.h5")
+    (tmp_path / "b.demos.h5").symlink_to("nowhere")
+    code, out, err = run_ifo("verify", tmp_path)
+    assert code == 3 and out.count("ok ") == 1
+    assert "a.demos.h5: cannot be read (it is a pipe" in err and "b.demos.h5: no such file" in err
+
+
+@pytest.mark.parametrize("command", ["inspect", "verify", "report", "export-demos", "translate"])
+def test_a_name_that_cannot_be_is_one_line(run_ifo, tmp_path, command):
+    (tmp_path / "loop.h5").symlink_to("loop.h5")
+    for path in (tmp_path / ("x" * 300), tmp_path / "loop.h5"):
+        words = ("--format", "robomimic") if command == "export-demos" else ()
+        code, out, err = run_ifo(command, path, *words)
+        assert (code, out) == (3, "") and err.count("\n") == 1

@@ -11,7 +11,7 @@ from stages.config.stages import LearnerConfig
 from stages.learners.algorithms import make_learner
 from stages.learners.environment import EpisodeEnv
 from stages.learners.gps.lqr import on_part
-from stages.learners.policy import Policy, policy_weights
+from stages.learners.policy import Policy, check_fits, first_observation, policy_weights
 from stages.rewards.state import GoalReward
 from stages.simulation.contexts import DISTRIBUTIONS, repeat
 from stages.simulation.tasks.reach import Reach
@@ -82,3 +82,22 @@ def test_what_is_kept_of_guided_policy_search_has_the_covariance_of_its_last_rol
     weights = policy_weights(model)
     assert set(weights) == {"weights/gains", "weights/offsets", "weights/covariances"}
     np.testing.assert_array_equal(weights["weights/covariances"], model.own.covariances)
+
+
+@pytest.mark.parametrize("size", ["hidden", "observation_size", "action_size"])
+@pytest.mark.parametrize("name", ["trpo", "sac"])
+def test_a_network_is_only_made_as_large_as_its_file(name, size, tmp_path):
+    """A network of a million times a million weights needs terabytes."""
+    path = written(tmp_path / "a.policy.h5", learner(name), learner=name, **{size: 10**6})
+    with pytest.raises(ArtifactError, match=r"a\.policy\.h5.*do not fit the network .* has shape"):
+        Policy.load(read_artifact(path, "policy"))
+
+
+def test_a_policy_of_a_task_of_other_sizes_is_refused(tmp_path):
+    model = learner("trpo")
+    artifact = read_artifact(written(tmp_path / "a.policy.h5", model))
+    seen = first_observation(Reach())
+    check_fits(artifact, Reach(), seen)
+    assert first_observation(Reach(), expert=True).shape[1] > seen.shape[1]
+    with pytest.raises(ArtifactError, match=r"a\.policy\.h5: .* from 7 observations to 3 actions .* has 13 and 3"):
+        check_fits(artifact, Reach(), first_observation(Reach(), expert=True))

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import stages.runtime.checkpoints
-from artifacts import UsageError, content_of, read_artifact, verify_artifact, write_artifact
-from stages.runtime.checkpoints import Checkpoints
+from artifacts import ArtifactError, UsageError, content_of, read_artifact, verify_artifact, write_artifact
+from stages.runtime.checkpoints import Checkpoints, curve_of
 from stages.runtime.run import RunOptions
 from tests.artifacts.samples import OLD_FILES
 
@@ -113,3 +114,35 @@ def test_only_another_input_ends_a_run(demos, tmp_path):
         checkpoints(resume=True).start()
     with pytest.raises(UsageError, match="written with another seed"):
         checkpoints(demos(), resume=True, seed=4).start()
+
+
+@pytest.mark.parametrize(
+    "restore",
+    [
+        lambda state: state["b"],
+        lambda state: state.load(),
+        lambda state: curve_of([1]),
+        lambda state: curve_of({"return": [[]]}),
+        lambda state: range(3)[10**30],
+        lambda state: int(float("inf")),
+        lambda state: np.zeros(3).reshape(state["a"].shape),
+    ],
+)
+def test_a_state_that_cannot_be_restored_is_the_checkpoints_fault(checkpoints, restore):
+    checkpoints().save({"a": np.zeros(2)})
+    run = checkpoints(resume=True)
+    state = run.start()
+    with (
+        pytest.raises(
+            ArtifactError, match=r"x\.expert\.checkpoint\.h5 does not hold a state of train-expert"
+        ) as caught,
+        run.restoring(),
+    ):
+        restore(state)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_checkpoint_that_is_no_file_is_refused(checkpoints, tmp_path):
+    os.mkfifo(tmp_path / "x.expert.checkpoint.h5")
+    with pytest.raises(ArtifactError, match="pipe, socket or device"):
+        checkpoints(resume=True).start()

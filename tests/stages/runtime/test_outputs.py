@@ -141,3 +141,22 @@ def test_names_tell_apart_what_differs(stage, changes, run, expected):
     usual = defaults("quick", stage, "reach")
     told = dataclasses.replace(RunOptions(progress=QUIET), **run)
     assert name_tags(dataclasses.replace(usual, **changes), usual, told, 0, "quick") == expected
+
+
+def test_an_output_that_is_a_link_is_written_kept_and_replaced_through_it(tmp_path):
+    target, link = tmp_path / "real.policy.h5", tmp_path / "a.policy.h5"
+    link.symlink_to(target.name)
+    assert output(link).kept() is None, "it leads nowhere yet"
+    write(link)
+    assert output(link).kept() is not None
+    with pytest.raises(UsageError, match="seed"):
+        output(link, run=dataclasses.replace(RUN, seed=2)).kept()
+    write(link, run=dataclasses.replace(RUN, seed=2, overwrite=True))
+    assert link.is_symlink() and read_artifact(target).manifest.recipe["seed"] == 2
+
+
+def test_a_name_without_room_for_the_checkpoint_is_refused_at_once(tmp_path):
+    suffixes = len(".policy.checkpoint.h5")
+    output(tmp_path / f"{'x' * (255 - suffixes)}.policy.h5")
+    with pytest.raises(UsageError, match="too long"):
+        output(tmp_path / f"{'x' * (256 - suffixes)}.policy.h5")

@@ -3,9 +3,10 @@
 import collections
 
 import numpy as np
+import pytest
 import torch
 
-from stages.runtime.trees import from_tree, to_tree
+from stages.runtime.trees import check_optimiser, from_tree, to_tree
 
 
 def test_tensors_become_arrays_wherever_they_are():
@@ -35,3 +36,27 @@ def test_there_and_back_is_the_same():
     assert isinstance(ordered, collections.OrderedDict)
     again = from_tree(to_tree(ordered))
     assert list(again) == list(ordered) and all(torch.equal(again[name], ordered[name]) for name in ordered)
+
+
+def test_the_byte_order_in_a_file_does_not_matter():
+    assert torch.equal(from_tree(np.arange(3, dtype=">f4")), torch.arange(3.0))
+
+
+def test_the_state_of_another_optimizer_is_refused():
+    def trained(size):
+        layer = torch.nn.Linear(size, 2)
+        optimiser = torch.optim.Adam(layer.parameters())
+        layer(torch.zeros(1, size)).sum().backward()
+        optimiser.step()
+        return optimiser
+
+    optimiser = trained(3)
+    check_optimiser(optimiser)
+    optimiser.load_state_dict(trained(4).state_dict())
+    with pytest.raises(ValueError, match=r"exp_avg of the optimizer is torch\.float32 of shape \(2, 4\)"):
+        check_optimiser(optimiser)
+    state = trained(3).state_dict()
+    state["state"][0]["step"] = torch.tensor(True)
+    optimiser.load_state_dict(state)
+    with pytest.raises(ValueError, match=r"step of the optimizer is torch\.bool"):
+        check_optimiser(optimiser)

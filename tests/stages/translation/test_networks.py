@@ -1,16 +1,19 @@
 """The translators compute what the paper describes, in fewer operations than its plain form."""
 
+import numpy as np
 import pytest
 import torch
 from torch import nn
 
-from artifacts import ArtifactError
+from artifacts import ArtifactError, read_artifact, write_artifact
 from stages.translation.layers import DropoutLinear, evaluating
 from stages.translation.losses import translation_losses
 from stages.translation.networks import (
+    NETWORKS,
     CompactTranslator,
     PaperTranslator,
     RealTranslator,
+    load_translator,
     make_translator,
     to_frames,
     to_images,
@@ -153,3 +156,23 @@ def test_frames_and_images_convert_exactly():
     assert images.min() == -1.0
     assert images.max() == 1.0
     assert torch.equal(to_frames(images), frames)
+
+
+@pytest.mark.parametrize("size", [(16, 16), (20, 24)])
+@pytest.mark.parametrize("arch", ["compact", "real"])
+def test_a_network_is_only_made_as_large_as_its_file(arch, size, tmp_path):
+    model = make_translator(arch, size)
+    assert model.dec_head.weight.shape == NETWORKS[arch].head_shape(size)
+
+    def written(**config):
+        arrays = {f"weights/{name}": values.numpy() for name, values in model.state_dict().items()}
+        arrays = {name: np.asarray(values[:0] if "dec_head" not in name else values) for name, values in arrays.items()}
+        path = tmp_path / "a.translator.h5"
+        return read_artifact(write_artifact(path, "translator", arrays, config=config, seed=0, command="ifo"))
+
+    with pytest.raises(
+        ArtifactError, match=r"a\.translator\.h5: .*do not fit architecture .* of 1000000x1000000 pixels"
+    ):
+        load_translator(written(arch=arch, size=[1_000_000, 1_000_000]))
+    with pytest.raises(ArtifactError, match=rf"do not fit architecture {arch} \("):
+        load_translator(written(arch=arch, size=list(size)))
