@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import typer
@@ -32,7 +33,7 @@ def check_task(task: TaskArgument, given: Given) -> None:
     settle(given, read_file(given))  # Refuses options that make no sense.
     check_task_name(task)
     seed, out = given.get("seed"), given.get("out")
-    if out is not None and (out.suffix != ".png" or out.is_dir()):
+    if out is not None and (out.suffix != ".png" or os.path.isdir(out)):
         raise UsageError(f"--out {out}: expected a file name ending in .png")
     with stdout_to_stderr():
         from artifacts import contact_sheet, write_png

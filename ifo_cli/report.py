@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -39,7 +40,7 @@ def report(
     out = given.get("out")
     if out.suffix != ".html":
         raise UsageError(f"--out {out}: expected a file name ending in .html")
-    if out.is_dir():
+    if os.path.isdir(out):
         raise UsageError(f"--out {out} is a folder: expected a file name ending in .html")
     paths = inputs_or_stdin(runs or [], "the evaluation artifacts (NAME.evaluation.h5) or their folder", several=True)
     with stdout_to_stderr():

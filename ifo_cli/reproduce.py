@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 
 from artifacts.errors import UsageError
@@ -32,7 +33,7 @@ def reproduce(given: Given) -> None:
     config, preset = settled.config, settled.settings["preset"]
     out, quiet, dry_run = given.get("out"), given.get("quiet"), given.get("dry_run")
     grid = Grid(config.tasks, config.chosen_methods, config.contexts, preset, settled.settings["seed"])
-    if out.exists() and not out.is_dir():
+    if os.path.exists(out) and not os.path.isdir(out):
         raise UsageError(f"--out {out} is a file: expected a folder")
     with stdout_to_stderr():
         from stages.reproduce import Execution, described, missing, reproduce

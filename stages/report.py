@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -98,16 +99,15 @@ def find_evaluations(inputs: Sequence[Path]) -> list[Path]:
 def _check_replaceable(out: Path) -> None:
     """Refuse to replace files that are not a report's, for example README.md with --out README.html."""
     beside = [out.with_suffix(".md"), out.with_suffix(".csv")]
-    try:
-        with open(beside[0], "rb") as file:
-            if file.read(len(MARK)) == MARK.encode():
-                return
-    except FileNotFoundError:
-        pass
-    except OSError as error:
-        raise PlatformError(f"{beside[0]}: cannot be read ({error.strerror}): choose another --out") from error
+    if os.path.isfile(beside[0]):
+        try:
+            with open(beside[0], "rb") as file:
+                if file.read(len(MARK)) == MARK.encode():
+                    return
+        except OSError as error:
+            raise PlatformError(f"{beside[0]}: cannot be read ({error.strerror}): choose another --out") from error
     for path in beside:
-        if path.exists():
+        if os.path.lexists(path):
             raise UsageError(f"--out {out} would replace {path}, which `ifo report` did not write: choose another name")
 
 

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 
 from artifacts.errors import UsageError
 
+MOST = (1 << 63) - 1  # largest whole number of an option
 ANY = object()  # stands for any value that is not empty, zero or off
 
 
@@ -140,6 +141,8 @@ def wrong_value(item: dataclasses.Field[Any], value: Any) -> str:
     about = item.metadata
     if isinstance(value, float) and not math.isfinite(value):
         return "expected a finite number"
+    if isinstance(value, int) and not -MOST <= value <= MOST:
+        return f"expected at most {MOST}"
     choices = about.get("choices") or ()
     values = value if isinstance(value, tuple) else (value,)
     if choices and value != item.default and any(one not in choices for one in values):

@@ -14,6 +14,7 @@ from stages.config.stages import STAGES
 from stages.config.tasks.entry import TaskDefaults
 
 KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "text", Path: "text"}
+NO_NUL = "expected text without NUL characters"
 
 
 def checked_value(config_class: type, name: str, value: Any) -> Any:
@@ -29,6 +30,8 @@ def checked_value(config_class: type, name: str, value: Any) -> Any:
     if get_origin(kind) is tuple:
         if not isinstance(value, list | tuple) or not all(isinstance(one, str) for one in value):
             raise ValueError("expected a list of texts")
+        if "\0" in "".join(value):
+            raise ValueError(NO_NUL)
         value = tuple(value)
     else:
         value = _scalar(next((one for one in get_args(kind) if one is not type(None)), kind), value)
@@ -41,7 +44,12 @@ def _scalar(kind: type, value: Any) -> Any:
     accepted = {int: (int,), float: (int, float), bool: (bool,), str: (str,), Path: (str, Path)}[kind]
     if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
         raise ValueError(f"expected {KINDS[kind]}")
-    return kind(value)
+    if isinstance(value, str) and "\0" in value:
+        raise ValueError(NO_NUL)
+    try:
+        return kind(value)
+    except OverflowError as error:  # a whole number that is too large for a float
+        raise ValueError("expected a finite number") from error
 
 
 def meant(word: str, known: Collection[str]) -> str:

@@ -25,7 +25,7 @@ class TensorBoard:
         from torch.utils.tensorboard import SummaryWriter
 
         self._folder = folder
-        made = not folder.exists()
+        made = not os.path.lexists(folder)
         with ExitStack() as stack:
             stack.enter_context(_silent_writer_thread())
             try:

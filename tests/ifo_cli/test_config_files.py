@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import tomllib
 
 import pytest
@@ -125,6 +126,16 @@ def test_the_command_line_wins_over_the_file_and_the_file_over_the_parent(run_if
         ("learn-policy = 3\n", ["learn-policy: expected a table"]),
         ("[learn-policy\n", ["is not TOML"]),
         (b"\x89HDF\r\n\x1a\n\0\0", ["is not TOML"]),
+        ("[learn-policy]\nblur = " + "[" * 4000, ["is not TOML"]),
+        ("[learn-policy]\nepisodes = " + "9" * 4060, ["expected at most"]),
+        ("[learn-policy]\nepisodes = 0x" + "f" * 4000, ["expected at most"]),
+        ("[learn-policy]\nepisodes = 9223372036854775808\n", ["expected at most 9223372036854775807"]),
+        ("[learn-policy]\nblur = 1" + "0" * 400, ["a finite number"]),
+        ("[learn-policy]\nweights = 'a\\u0000'\n".replace("'", '"'), ["NUL"]),
+        ("[learn-policy]\nwithout = ['\\u0000']\n".replace("'", '"'), ["NUL"]),
+        ("[learn-policy]\n" + ".".join("a" * 5000) + " = 1", ["too large", "4096 bytes in a line"]),
+        ("# 34567\n" * 10_000, ["too large", "64 KiB"]),
+        ('["\\u001b[2J\\n"]\n', ["\\u001b[2J\\u000a"]),
     ],
 )
 def test_what_is_wrong_with_a_file_is_one_line(run_ifo, calls, words_for, tmp_path, text, expected):
@@ -138,6 +149,31 @@ def test_what_is_wrong_with_a_file_is_one_line(run_ifo, calls, words_for, tmp_pa
 def test_a_file_that_is_not_there(run_ifo, calls, words_for, tmp_path):
     code, out, err = run_ifo(*words_for("learn-policy"), "--config", tmp_path / "none.toml")
     assert (code, out, calls) == (2, "", []) and "none.toml" in err and err.count("\n") == 1
+
+
+@pytest.mark.parametrize("kind", ["pipe", "zeros", "nothing", "folder", "loop", "long"])
+def test_what_is_no_file_is_one_line(run_ifo, calls, words_for, tmp_path, kind):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "loop").symlink_to("loop")
+    paths = {"zeros": "/dev/zero", "nothing": "/dev/null", "folder": tmp_path, "long": tmp_path / ("x" * 300)}
+    code, out, err = run_ifo(*words_for("learn-policy"), "--config", paths.get(kind, tmp_path / kind))
+    assert (code, out, calls) == (2, "", []) and err.startswith("ifo: --config ") and err.count("\n") == 1
+
+
+def test_a_file_may_come_from_another_process(run_ifo, calls, words_for):
+    reading, writing = os.pipe()  # as for `--config <(...)`
+    os.write(writing, b"[learn-policy]\nkl = 0.5\n")
+    os.close(writing)
+    assert run_ifo(*words_for("learn-policy"), "--config", f"/dev/fd/{reading}")[0] == 0
+    os.close(reading)
+    assert calls[0][1][0].kl == 0.5
+
+
+def test_names_add_no_lines_to_the_options(run_ifo, tmp_path):
+    file = tmp_path / "a\n[evaluate]\nseed = 9.toml"
+    file.write_text("[report]\ntitle = 'x'\n")
+    code, shown, _ = run_ifo("report", "--config", file, "--show-config")
+    assert code == 0 and tomllib.loads(shown) == {"report": {"title": "x"}}
 
 
 def test_show_config_reads_no_standard_input(run_ifo):

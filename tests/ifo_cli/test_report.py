@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -128,3 +129,16 @@ def test_bad_out(run_ifo, evaluation, tmp_path, monkeypatch, out, words):
     code, printed, err = run_ifo("report", evaluation(), "--out", out)
     assert (code, printed) == (2, "") and err.count("\n") == 1
     assert all(word in err for word in ["--out", *words])
+
+
+def test_a_pipe_in_the_place_of_a_file_is_not_waited_for(run_ifo, evaluation, tmp_path):
+    os.mkfifo(tmp_path / "page.md")
+    code, out, err = run_ifo("report", evaluation(), "--out", tmp_path / "page.html")
+    assert (code, out) == (2, "") and "which `ifo report` did not write" in err and err.count("\n") == 1
+
+
+def test_a_place_that_cannot_be_written_is_one_line(run_ifo, evaluation, tmp_path):
+    (tmp_path / "loop").symlink_to("loop")
+    for folder in ("x" * 300, "loop", "x/" * 3000):
+        code, out, err = run_ifo("report", evaluation(), "--out", tmp_path / folder / "page.html", "--quiet")
+        assert (code, out) == (4, "") and "cannot be written" in err and err.count("\n") == 1
