@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import fcntl
 import json
 import os
@@ -11,7 +10,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -26,11 +25,10 @@ from stages.runtime.progress import Progress
 from stages.runtime.run import StageResult
 
 SNAKEFILE = Path(__file__).parent / "reproduction" / "Snakefile"
-JOBS, LOCK, LOGS = "jobs.json", ".reproduce.lock", "logs"
+JOBS, LOCK, LOGS, CACHE = "jobs.json", ".reproduce.lock", "logs", ".snakemake/cache"
 RETRIES = 1
 RUNTIME = 6  # requested of a cluster: this many times the estimate, at least half an hour
 MEGABYTE = 1 << 20
-PR_SET_PDEATHSIG = 1  # from <linux/prctl.h>
 
 
 @dataclass(frozen=True)
@@ -57,12 +55,11 @@ def reproduce(grid: Grid, folder: Path, execution: Execution, progress: Progress
     Raises:
         ArtifactError: Some runs failed; the message names them and their logs.
         Interrupted: The user stopped it.
-        PlatformError: Snakemake or its plugin is missing.
+        PlatformError: Snakemake or its plugin is missing, or the folder cannot be written.
         UsageError: Another process uses the folder.
     """
     _check(execution)
     jobs = plan(grid)
-    folder.mkdir(parents=True, exist_ok=True)
     with _alone(folder) as lock:
         todo = missing(jobs, folder)
         progress.say(described(todo, grid, execution.cores))
@@ -77,7 +74,7 @@ def reproduce(grid: Grid, folder: Path, execution: Execution, progress: Progress
 
 def missing(jobs: Sequence[Job], folder: Path) -> list[Job]:
     """The jobs that are still needed: their output is missing, and so is a wanted file that depends on it."""
-    absent = [job for job in jobs if not (folder / job.output).exists()]
+    absent = [job for job in jobs if not os.path.exists(folder / job.output)]
     needed = {job.output for job in absent if job.stage == "evaluate"}
     for job in reversed(absent):  # Jobs come after their inputs.
         if job.output in needed:
@@ -128,16 +125,20 @@ def _check(execution: Execution) -> None:
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[int]:
-    """Hold the folder's lock. The last process that inherited it releases it; Snakemake's own lock outlives a kill."""
-    descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
-    try:
+    """Make the folder and hold its lock. The last process that inherited the lock releases it.
+
+    Snakemake's own lock would outlive a kill.
+    """
+    with ExitStack() as stack:
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            folder.mkdir(parents=True, exist_ok=True)
+            file = stack.enter_context(open(folder / LOCK, "ab"))
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise UsageError(f"another `ifo reproduce` is running in {folder}: wait, or choose another --out") from None
-        yield descriptor
-    finally:
-        os.close(descriptor)
+        except OSError as error:
+            raise PlatformError(f"{folder}: cannot be used ({error.strerror}): choose another --out") from error
+        yield file.fileno()
 
 
 def _run(folder: Path, execution: Execution, lock: int) -> None:
@@ -151,31 +152,59 @@ def _run(folder: Path, execution: Execution, lock: int) -> None:
     words += ["--retries", str(RETRIES), "--quiet", "rules", "host", "reason"]
     if here:
         words += ["--resources", f"mem_mb={os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') // MEGABYTE}"]
-    (folder / LOGS).mkdir(exist_ok=True)
+    try:
+        (folder / LOGS).mkdir(exist_ok=True)
+    except OSError as error:
+        raise PlatformError(f"{folder / LOGS}: cannot be created ({error.strerror}): remove it") from error
     # In its own process group, so that an interrupt reaches it and its jobs only once, from here.
     process = subprocess.Popen(
         words,
         cwd=folder,
+        # Snakemake cannot start without a cache, and the home of a compute node may not be writable.
+        env={**os.environ, "XDG_CACHE_HOME": str((folder / CACHE).absolute())},
         stdin=subprocess.DEVNULL,
         stdout=sys.stderr,
         pass_fds=[lock],
         process_group=0,
-        preexec_fn=_attached,
+        preexec_fn=_interruptible,
+    )
+    with _killed_with_this_process(process.pid, lock):
+        try:
+            with killable():
+                process.wait()
+        except KeyboardInterrupt as error:
+            os.killpg(process.pid, signal.SIGINT)
+            process.wait()
+            raise Interrupted(
+                f"interrupted; finished files are in {folder}; continue with: {execution.command}"
+            ) from error
+    if process.returncode < 0:  # Snakemake itself was killed: its jobs are still running.
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+
+
+def _interruptible() -> None:
+    """Enable interrupts, which shells disable for `&`."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+@contextmanager
+def _killed_with_this_process(group: int, lock: int) -> Iterator[None]:
+    """Have a process group killed if this process is killed during the block; until then, the lock is held."""
+    # A shell waits for the end of a pipe that only this process holds open.
+    watcher = subprocess.Popen(
+        ["sh", "-c", f"read _; kill -s KILL -- -{group}"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        pass_fds=[lock],
+        start_new_session=True,
     )
     try:
-        with killable():
-            process.wait()
-    except KeyboardInterrupt as error:
-        os.killpg(process.pid, signal.SIGINT)
-        process.wait()
-        raise Interrupted(f"interrupted; finished files are in {folder}; continue with: {execution.command}") from error
-
-
-def _attached() -> None:
-    """Enable interrupts, which shells disable for `&`, and end this process when its parent is killed."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        yield
+    finally:
+        watcher.kill()
+        watcher.communicate()
 
 
 def _failed(left: Sequence[Job], runs: Sequence[Job], folder: Path) -> str:

@@ -1,6 +1,7 @@
 """The grid's jobs, and what becomes of them when they fail, are killed, or lie there already."""
 
 import base64
+import fcntl
 import json
 import os
 import signal
@@ -92,7 +93,9 @@ def shell_job(name: str, shell: str, *inputs: str) -> ShellJob:
 
 @pytest.fixture
 def run(monkeypatch, tmp_path, capfd):
-    """A function that runs jobs in place of the grid's, and returns how often each was started."""
+    """A function that runs jobs in place of the grid's, without a home, and returns how often each was started."""
+    monkeypatch.setenv("HOME", "/proc/none")
+    monkeypatch.setenv("XDG_CACHE_HOME", "")
 
     def call(*jobs: ShellJob) -> dict[str, int]:
         monkeypatch.setattr(stages.reproduce, "plan", lambda grid: list(jobs))
@@ -161,7 +164,7 @@ try:
 except IfoError as error:
     print(type(error).__name__, error)
 """
-WAITING = "trap 'echo told >> signals; exit 130' INT; test -e go || { touch begun; sleep 60 & wait; }"
+WAITING = "trap 'echo told >> signals; exit 130' INT; test -e go || { touch begun; sleep 60 & jobs -p > job; wait; }"
 
 
 @pytest.fixture
@@ -217,12 +220,35 @@ def test_no_more_jobs_at_a_time_than_cores(tmp_path, monkeypatch):
     assert max(map(int, (tmp_path / "most").read_text().split())) == LOCAL.cores
 
 
+def is_running(process: int) -> bool:
+    try:
+        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state not in "ZX"
+
+
+@pytest.mark.parametrize("place", ["file/grid", "loop", "x" * 300, "readonly"])
+def test_a_folder_that_cannot_be_used_is_one_line(place, tmp_path):
+    (tmp_path / "file").touch()
+    (tmp_path / "loop").symlink_to("loop")
+    (tmp_path / "readonly").mkdir()
+    (tmp_path / "readonly" / stages.reproduce.LOCK).mkdir()
+    with pytest.raises(PlatformError, match=r"cannot be used .*choose another --out") as caught:
+        reproduce(Grid(("reach",), ("oracle",), 1, "toy"), tmp_path / place, LOCAL, Progress(quiet=True))
+    assert "\n" not in str(caught.value)
+
+
 def test_killed_and_begun_again_it_repeats_at_most_what_was_running(begin, tmp_path):
     first = begin()
     said, _ = begin(wait=False).communicate(timeout=60)
     assert "another `ifo reproduce` is running" in said
-    os.killpg(first.pid, signal.SIGKILL)
+    job = int((tmp_path / "job").read_text())
+    first.kill()
     first.wait()
+    with open(tmp_path / stages.reproduce.LOCK) as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+    assert not is_running(job), "the lock is released only once the jobs are killed"
     (tmp_path / "go").touch()
     assert begin(wait=False).wait(timeout=60) == 0
     assert (tmp_path / "a.evaluation.h5").exists()
