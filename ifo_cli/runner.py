@@ -167,10 +167,13 @@ def command_line(given: Given, piped: Sequence[Path] = ()) -> str:
 
 def emit_result(given: Given, result: StageResult, kind: str) -> None:
     """Print the path of the file that was written, or with --json one object with the stage's figures."""
-    if given.get("json"):
-        emit(json.dumps({"path": str(result.path), "kind": kind, **plain(result.summary)}))
-    else:
-        emit_path(result.path)
+    try:
+        if given.get("json"):
+            emit(json.dumps({"path": str(result.path), "kind": kind, **plain(result.summary)}))
+        else:
+            emit_path(result.path)
+    except PlatformError as error:
+        raise PlatformError(f"{error}; {result.path} is complete") from error
 
 
 def settled_alone(given: Given) -> Settled | None:
