@@ -191,7 +191,7 @@ def check_out(out: Path | None) -> Path | None:
         return None
     if out.suffix != ".h5" or out.name.endswith(".checkpoint.h5"):
         raise UsageError(f"--out {out}: expected a file name ending in .h5, by convention NAME.KIND.h5")
-    if out.is_dir():
+    if os.path.isdir(out):
         raise UsageError(f"--out {out} is a folder: expected a file name ending in .h5")
     return out
 
@@ -200,15 +200,18 @@ def make_folder(out: Path | None) -> list[Path]:
     """Create the folder of `out`, and return the folders that were created, innermost first."""
     if out is None:
         return []
-    missing = [folder for folder in out.parents if not folder.exists()]
+    missing = [folder for folder in out.parents if not os.path.lexists(folder)]
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise PlatformError(f"--out {out}: cannot create its folder ({error.strerror})") from error
     if not os.access(out.parent, os.W_OK | os.X_OK):
         raise PlatformError(f"--out {out}: its folder is not writable: choose another location")
+    target = os.path.realpath(out)
+    if os.path.lexists(target) and not os.path.isfile(target):
+        raise UsageError(f"--out {out}: is a pipe, a device or a link to itself: choose another name")
     return missing
 
 
 def _same_file(path: Path, out: Path) -> bool:
-    return path.resolve() == out.resolve()
+    return os.path.realpath(path) == os.path.realpath(out)
