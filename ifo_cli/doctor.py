@@ -24,17 +24,17 @@ PYTHONS = ((3, 11), (3, 12))  # as requires-python in pyproject.toml
 MUJOCO_MAJOR = 3
 FEWEST_COLOURS = 4  # in a rendered frame; a driver that fails silently produces a single color
 REINSTALL = "install ifo again: pip install -e ."
-GL_MEND = "see gl backend"  # the error of that check says what to install
+GL_REMEDY = "see gl backend"  # the error of that check says what to install
 
 
 @dataclass(frozen=True)
 class Check:
-    """One line of the report; `mend` says what to do if `ok` is false."""
+    """One line of the report; `remedy` says what to do if `ok` is false."""
 
     name: str
     ok: bool
     detail: str
-    mend: str = ""
+    remedy: str = ""
 
 
 @stage_command("doctor")
@@ -44,27 +44,27 @@ def doctor(given: Given) -> None:
     The exit code is 4 if anything is missing; the line of the failed check says how to fix it.
     """
     with stdout_to_stderr():
-        checks = [_run(name, examine, mend) for name, (examine, mend) in CHECKS.items()]
+        checks = [_run(name, examine, remedy) for name, (examine, remedy) in CHECKS.items()]
     ok = all(check.ok for check in checks)
     if given.get("json"):
         emit(json.dumps({"ok": ok, "checks": [asdict(check) for check in checks]}))
     else:
         for check in checks:
-            mend = f"; {check.mend}" if check.mend else ""
-            emit(f"{'ok  ' if check.ok else 'fail'} {check.name}: {check.detail}{mend}")
+            remedy = f"; {check.remedy}" if check.remedy else ""
+            emit(f"{'ok  ' if check.ok else 'fail'} {check.name}: {check.detail}{remedy}")
     if not ok:
         raise typer.Exit(PlatformError.exit_code)
 
 
-def _run(name: str, examine: Callable[[], str], mend: str) -> Check:
+def _run(name: str, examine: Callable[[], str], remedy: str) -> Check:
     """Run one check. All exceptions are caught, because whatever a broken library raises belongs in the report."""
     try:
         return Check(name, True, examine())
     except IfoError as error:
-        return Check(name, False, str(error), "" if "apt" in str(error) else mend)
+        return Check(name, False, str(error), "" if "apt" in str(error) else remedy)
     except Exception as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split())
-        return Check(name, False, reason, mend)
+        return Check(name, False, reason, remedy)
 
 
 def _python() -> str:
@@ -157,5 +157,5 @@ CHECKS: dict[str, tuple[Callable[[], str], str]] = {
     "dm-control": (_dm_control, REINSTALL),
     "video": (_video, "pip install --force-reinstall av"),
     "gl backend": (_gl, REINSTALL),
-    "rendered frame": (_frame, GL_MEND),
+    "rendered frame": (_frame, GL_REMEDY),
 }

@@ -176,10 +176,13 @@ def command_line(given: Given, piped: Sequence[Path] = ()) -> str:
 
 def emit_result(given: Given, result: StageResult, kind: str) -> None:
     """Print the path of the file that was written, or with --json one object with the stage's figures."""
-    if given.get("json"):
-        emit(json.dumps({"path": str(result.path), "kind": kind, **plain(result.summary)}))
-    else:
-        emit_path(result.path)
+    try:
+        if given.get("json"):
+            emit(json.dumps({"path": str(result.path), "kind": kind, **plain(result.summary)}))
+        else:
+            emit_path(result.path)
+    except PlatformError as error:
+        raise PlatformError(f"{error}; {result.path} is complete") from error
 
 
 def settled_alone(given: Given) -> Settled | None:
@@ -213,6 +216,9 @@ def make_folder(out: Path | None) -> list[Path]:
         raise PlatformError(f"--out {out}: cannot create its folder ({error.strerror})") from error
     if not os.access(out.parent, os.W_OK | os.X_OK):
         raise PlatformError(f"--out {out}: its folder is not writable: choose another location")
+    target = os.path.realpath(out)
+    if os.path.lexists(target) and not os.path.isfile(target):
+        raise UsageError(f"--out {out}: is a pipe, a device or a link to itself: choose another name")
     return missing
 
 

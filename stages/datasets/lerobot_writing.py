@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from artifacts import PlatformError
 from stages.datasets import feature_statistics, parquet
 from stages.datasets.export import Export
 from stages.datasets.lerobot import DATA_PATH, EPISODES, INFO, VIDEO_PATH
@@ -40,9 +41,15 @@ def write_lerobot(path: Path, export: Export) -> None:
         export: The demonstrations and metadata.
 
     Raises:
-        PlatformError: pyarrow is not installed.
+        PlatformError: pyarrow is not installed, or cannot write to this path.
     """
     pyarrow = parquet.arrow()
+    try:
+        str(path).encode()
+    except UnicodeEncodeError as error:
+        raise PlatformError(
+            "--format lerobot: pyarrow can only write to paths in UTF-8: choose another --out"
+        ) from error
     count, length = export.shape[:2]
     key = PREFIX + export.camera
     levels = np.zeros((3, feature_statistics.LEVELS), np.int64)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import base64
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from stages.reporting.lineage import Lineage
 from stages.reporting.tables import Table, in_markdown
 from stages.reporting.videos import Video
+from stages.runtime.terminal import one_line
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -72,19 +73,25 @@ def page(
 
 
 def _templates() -> Environment:
-    """The page's templates; whatever they are given is escaped."""
+    """The page's templates; whatever they are given is escaped, for HTML and where it is not printable."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
         loader=PackageLoader("stages.reporting"),
         autoescape=True,
         undefined=StrictUndefined,
+        finalize=_printable,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
     environment.filters["base64"] = lambda data: base64.b64encode(data).decode()
     return environment
+
+
+def _printable(value: Any) -> Any:
+    # HTML that macros return is left as it is.
+    return one_line(value) if isinstance(value, str) and not hasattr(value, "__html__") else value
 
 
 def markdown(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,11 +13,13 @@ import numpy as np
 from artifacts import Artifact, stem_of
 from stages.reporting.rows import Run
 from stages.reporting.summary import Summary
+from stages.runtime.terminal import one_line
 
 PANEL = (4.6, 3.4)  # inches, size of a learning-curve panel
 LEGEND_LINE = 0.15  # inches, height of a legend line
 BAR = 0.34  # inches, height of a bar with its gap
 WIDTH = 7.6  # inches, width of bar plots
+LONGEST_LABEL = 80  # characters; a longer one would leave no room for the plot
 ABLATED = "translation"  # prefix of the names of the method and of its ablations
 
 
@@ -124,8 +127,9 @@ def _curves(summaries: Sequence[Summary], colours: dict[str, Any]) -> bytes:
 
 
 def _plain(text: str) -> str:
-    """A text escaped so that matplotlib reads no formula in it."""
-    return text.replace("$", r"\$")
+    """A text of one short line, escaped so that matplotlib reads no formula in it."""
+    shown = text if len(text) <= LONGEST_LABEL else f"{text[:LONGEST_LABEL]}..."
+    return one_line(shown).replace("$", r"\$")
 
 
 def _pyplot() -> Any:
@@ -138,9 +142,11 @@ def _pyplot() -> Any:
 
 
 def _png(figure: Any) -> bytes:
-    figure.tight_layout()
     drawn = io.BytesIO()
-    figure.savefig(drawn, format="png", metadata={"Software": None})
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # about letters that the font does not have
+        figure.tight_layout()
+        figure.savefig(drawn, format="png", metadata={"Software": None})
     _pyplot().close(figure)
     return drawn.getvalue()
 

@@ -13,6 +13,7 @@ import numpy as np
 from artifacts import Artifact, ArtifactError, Parent
 from stages.reporting.names import TRACKED, method_name, unknown_part
 from stages.reporting.records import checked_records
+from stages.runtime.terminal import one_line
 
 # Metrics that `ifo translate` computes before learning.
 METRICS = (
@@ -42,7 +43,7 @@ COLUMNS = (
     "learning_minutes",
     *METRICS,
 )
-FORMULA = ("=", "+", "-", "@")  # how a formula of a spreadsheet starts
+FORMULA = tuple("=+-@\uff1d\uff0b\uff0d\uff20")  # how a formula of a spreadsheet starts, also full-width
 
 
 @dataclass(frozen=True)
@@ -211,5 +212,7 @@ def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> st
 
 
 def _harmless(value: object) -> object:
-    """A cell's value; a text that a spreadsheet would compute gets an apostrophe, which keeps it a text."""
-    return f"'{value}" if isinstance(value, str) and value.lstrip().startswith(FORMULA) else value
+    """A cell's value; a text is one line, and one that a spreadsheet would compute gets an apostrophe in front."""
+    if not isinstance(value, str):
+        return value
+    return one_line(f"'{value}" if value.lstrip().startswith(FORMULA) else value)

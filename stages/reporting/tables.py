@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from html import escape
 
 from stages.reporting.summary import Summary
+from stages.runtime.terminal import one_line
 
 UNKNOWN = "\N{EN DASH}"
 WORDS = ("task", "method")
@@ -50,7 +51,7 @@ def summary_table(summaries: Sequence[Summary]) -> Table:
 
 def in_markdown(text: str) -> str:
     """A text on one line, escaped so that Markdown reads no HTML, link or end of a cell in it."""
-    plain = escape(" ".join(text.split()), quote=False).replace("\\", "\\\\")
+    plain = escape(one_line(" ".join(text.split())), quote=False).replace("\\", "\\\\")
     return plain.replace("](", "]\\(").replace("|", "\\|")
 
 

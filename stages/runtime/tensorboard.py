@@ -54,8 +54,8 @@ class TensorBoard:
     def _writing(self) -> Iterator[None]:
         try:
             yield
-        except OSError as error:
-            reason = error.strerror or str(error)
+        except (OSError, UnicodeEncodeError) as error:  # TensorBoard takes only paths in UTF-8.
+            reason = getattr(error, "strerror", None) or str(error)
             raise PlatformError(
                 f"{self._folder}: cannot be written ({reason}): free some space or choose another location"
             ) from error

@@ -58,7 +58,25 @@ print("drawn")
 """
 
 _proven: set[str] = set()
+_renders_in: int | None = None  # the process that rendered first
 _set_here = False
+
+
+def check_not_forked() -> None:
+    """Refuse to render in a process that was forked from one that has rendered.
+
+    A fork has no copy of the driver's threads, and would wait for them forever.
+
+    Raises:
+        PlatformError: Another process has rendered, of which this one is a copy.
+    """
+    global _renders_in
+    _renders_in = _renders_in or os.getpid()
+    if _renders_in != os.getpid():
+        raise PlatformError(
+            "rendering does not work in a process that was forked after its parent had rendered: start processes with "
+            "the start method 'spawn' or 'forkserver', or before the first frame"
+        )
 
 
 def choose_backend(required: bool = True) -> str:

@@ -32,7 +32,6 @@ class SuiteEnv(DmControlCompatibilityV0):
         super().__init__(env, render_mode, {"camera_id": env.task.task.camera, "height": height, "width": width})
         EzPickle.__init__(self, env, render_mode, render_size)  # Shimmy's constructor recorded its own arguments.
         self.metadata["render_fps"] = round(1.0 / env.control_timestep())
-        self._closed = False
 
     # Shimmy replaces Gymnasium's generator with the task's RandomState.
     np_random = gymnasium.Env.np_random
@@ -59,7 +58,5 @@ class SuiteEnv(DmControlCompatibilityV0):
         return {"normalised_distance": self._env.task.normalised_distance(self._env.physics)}
 
     def close(self) -> None:
-        """Free the GL context."""
-        if not self._closed:
-            self._closed = True
-            super().close()
+        """Free the GL context. The environment may still be used: Stable-Baselines3's `check_env` does so."""
+        self._env.physics.free_rendering()

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from artifacts import PlatformError
-from stages.simulation.gl import forget_backend
+from stages.simulation.gl import check_not_forked, forget_backend
 
 if TYPE_CHECKING:
     import mujoco
@@ -52,6 +52,7 @@ class TileRenderer:
         """Prepare to render `camera` (a name or an id). Each pixel averages `oversampling` squared samples."""
         import mujoco
 
+        check_not_forked()
         self._mujoco = mujoco
         self._model = mujoco.MjModel.__copy__(model)
         self._data = mujoco.MjData(self._model)
@@ -97,6 +98,7 @@ class TileRenderer:
         """
         n_videos, n_frames = qpos.shape[:2]
         out = np.empty((n_videos, n_frames, *self._size, 3), np.uint8)
+        check_not_forked()
         self._gl.make_current()
         for videos, frames in pieces(n_videos, n_frames):
             out[videos, frames] = self._draw({k: v[videos] for k, v in fields.items()}, qpos[videos, frames])

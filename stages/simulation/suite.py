@@ -23,6 +23,7 @@ from dm_control.suite import base
 from artifacts.errors import UsageError
 from stages.runtime.seeding import generator
 from stages.simulation.contexts import DISTRIBUTIONS, ContextDistribution, Contexts
+from stages.simulation.gl import check_not_forked
 from stages.simulation.registry import distribution, make_task
 from stages.simulation.render import reduced
 from stages.simulation.task import State, Task
@@ -50,14 +51,20 @@ class Physics(mujoco.Physics):
         self._make_current()
         return super().render(*args, **kwargs)
 
-    def free(self) -> None:
-        """Free the GL context and the simulation. Calling it twice is allowed."""
+    def free_rendering(self) -> None:
+        """Free the GL context, which is created again if another frame is rendered."""
         if self._contexts:
             self._make_current()
+            self._free_rendering_contexts()
+
+    def free(self) -> None:
+        """Free the GL context and the simulation. Calling it twice is allowed."""
+        self.free_rendering()
         super().free()
 
     def _make_current(self) -> None:
         """Make the GL context current even if dm_control believes that it is, because others may have replaced it."""
+        check_not_forked()
         gl = self.contexts.gl
         with gl.make_current() as thread:
             thread.call(gl._platform_make_current)

@@ -60,6 +60,14 @@ def test_usage_errors_are_one_line(run_ifo, make, tmp_path, monkeypatch, words, 
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_a_name_that_is_not_utf8(run_ifo, make, tmp_path):
+    path, name = make("demos"), os.fsdecode(b"K\xfcche")
+    for format_, code in (("lerobot", 4), ("minari", 0)):
+        found, _, err = run_ifo("export-demos", path, "--format", format_, "--out", tmp_path / name, "--quiet")
+        assert found == code and err.count("\n") == bool(code) and (code == 0 or "UTF-8" in err)
+        assert (tmp_path / name).exists() == (code == 0)
+
+
 def test_wrong_and_missing_files(run_ifo, make, tmp_path):
     for path in (make("translation"), tmp_path / "gone.demos.h5"):
         code, out, err = run_ifo("export-demos", path, "--format", "minari")

@@ -107,7 +107,7 @@ def test_verify_of_a_folder_without_artifacts(run_ifo, tmp_path):
     assert (code, out) == (3, "") and err.count("\n") == 1 and "contains no artifacts" in err and str(tmp_path) in err
 
 
-def test_doctor_says_what_to_mend(run_ifo, monkeypatch):
+def test_doctor_says_what_to_do(run_ifo, monkeypatch):
     def fine():
         return "1.0"
 
@@ -117,13 +117,13 @@ def test_doctor_says_what_to_mend(run_ifo, monkeypatch):
     def broken():
         raise ImportError("libEGL.so.1")
 
-    checks = {"torch": (fine, "x"), "gl backend": (ill, doctor.GL_MEND), "video": (broken, "reinstall av")}
+    checks = {"torch": (fine, "x"), "gl backend": (ill, doctor.GL_REMEDY), "video": (broken, "reinstall av")}
     monkeypatch.setattr(doctor, "CHECKS", checks)
     code, out, _ = run_ifo("doctor")
     assert code == 4
     assert out.splitlines() == [
         "ok   torch: 1.0",
-        f"fail gl backend: nothing draws; {doctor.GL_MEND}",
+        f"fail gl backend: nothing draws; {doctor.GL_REMEDY}",
         "fail video: ImportError: libEGL.so.1; reinstall av",
     ]
     code, out, _ = run_ifo("doctor", "--json")

@@ -140,3 +140,22 @@ def test_inspect_shows_no_terminal_sequences(run_ifo, make):
     assert all(line.isprintable() for line in out.split("\n"))
     code, out, _ = run_ifo("inspect", path, "--json")
     assert json.loads(out)["config"]["note"] == "a\x1b]0;title\x07\r\nb" and out.rstrip("\n").isprintable()
+
+
+@pytest.mark.parametrize("more", [[], ["--json"]])
+def test_a_result_whose_path_cannot_be_printed_is_named(run_ifo, calls, make, monkeypatch, more):
+    def full(_):
+        raise PlatformError("standard output cannot be written")
+
+    monkeypatch.setattr("ifo_cli.runner.emit", full)
+    monkeypatch.setattr("ifo_cli.runner.emit_path", full)
+    code, out, err = run_ifo("translate", make("translator"), *more)
+    assert (code, out) == (4, "") and err.rstrip().endswith("result.h5 is complete")
+
+
+@pytest.mark.parametrize("kind", ["pipe", "loop"])
+def test_an_output_that_is_no_file_is_refused_before_any_work(run_ifo, calls, make, tmp_path, kind):
+    os.mkfifo(tmp_path / "pipe.h5")
+    (tmp_path / "loop.h5").symlink_to("loop.h5")
+    code, out, err = run_ifo("translate", make("translator"), "--out", tmp_path / f"{kind}.h5")
+    assert (code, out, calls) == (2, "", []) and "a link to itself" in err and err.count("\n") == 1

@@ -1,5 +1,6 @@
 """What cannot be written is one line, whoever fails to write it."""
 
+import os
 import threading
 
 import pytest
@@ -12,6 +13,11 @@ def test_a_folder_that_cannot_be_made(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(PlatformError, match=r"x\.tensorboard: cannot be written .*choose another location"):
         TensorBoard(tmp_path / "file" / "x.tensorboard")
+
+
+def test_a_path_that_is_not_utf8(tmp_path):
+    with pytest.raises(PlatformError, match="choose another location"):
+        TensorBoard(tmp_path / os.fsdecode(b"\xff.tensorboard"))
 
 
 def test_a_disk_that_is_full(tmp_path, monkeypatch, capsys):

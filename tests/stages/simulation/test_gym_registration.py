@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from stable_baselines3.common.env_checker import check_env as check_for_stable_baselines3
 
 import stages.simulation.gym_registration as face
+from artifacts import PlatformError
 from stages.runtime.seeding import generator
+from stages.simulation import gl
 from stages.simulation.registry import distribution
+from stages.simulation.render import RenderPool
 
 OPTIONS = [
     pytest.param({}, id="states"),
@@ -137,3 +142,33 @@ def test_several_environments_make_a_vector(task):
     assert observation["position"].shape == (2, task.model.nq)
     assert not np.array_equal(observation["position"][0], observation["position"][1])
     envs.close()
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("options", OPTIONS)
+def test_stable_baselines3s_check_passes_which_goes_on_after_close(make, options):
+    env = make(**options)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        check_for_stable_baselines3(env, skip_render_check=False)
+    env.close()
+    assert env.unwrapped.physics._contexts is None
+    env.close()
+
+
+@pytest.mark.gl
+def test_rendering_in_a_fork_is_refused_because_it_would_never_end(make, monkeypatch):
+    env = make(pixels=True, render_mode="rgb_array")
+    env.reset(seed=0)
+    with monkeypatch.context() as patched:
+        patched.setattr(gl, "_renders_in", os.getpid() + 1)  # as in a fork
+        for use in (
+            env.reset,
+            env.render,
+            lambda: make(pixels=True),
+            lambda: RenderPool.of(env.unwrapped.task.task, 1),
+        ):
+            with pytest.raises(PlatformError, match=r"forked .* 'spawn' or 'forkserver'"):
+                use()
+        assert make().reset()[0], "without frames it works"
+    assert env.render().std() > 5
