@@ -153,7 +153,8 @@ class _Forward:
 class Damage:
     """Which frames damage has reached, from what the decoder reports packet by packet.
 
-    It lasts until the next keyframe, and reaches frames that are stored after that but shown before it.
+    It lasts until the next keyframe, and reaches leading images: those stored after the keyframe but shown before it,
+    which may be predicted from what comes before it. No other image is predicted from them.
 
     Attributes:
         now: Whether it reaches what is decoded now.
@@ -163,24 +164,30 @@ class Damage:
     def __init__(self) -> None:
         self.now, self.lost = False, 0
         self._unsure = False
-        self._shown_from = -math.inf
+        self._key = -math.inf  # timestamp of the last keyframe
+        self._in_leading = False
         self._stamps: set[int] = set()
 
     def begin(self, packet: Any) -> None:
         """Take note of a packet that is decoded next."""
         # Where a transport stream lost something, that may also be what follows the packet that is marked.
         unsure, self._unsure = self._unsure, packet.is_corrupt
-        if not (self.now and packet.is_keyframe) or unsure:
+        if unsure or not packet.is_keyframe:
             return
         if packet.pts is not None:
-            self.now, self._shown_from = False, packet.pts
+            self._key, self._in_leading, self.now = packet.pts, self.now, False
         elif not packet.stream.codec_context.has_b_frames:
             self.now = False
 
     def end(self, packet: Any, damaged: bool) -> None:
         """Take note of what decoding the packet showed."""
-        self.now |= damaged
-        if packet.pts is not None and (self.now or packet.pts < self._shown_from):
+        if packet.pts is not None and packet.pts < self._key:
+            self._in_leading |= damaged
+            reached = self._in_leading
+        else:
+            self.now |= damaged
+            reached = self.now
+        if reached and packet.pts is not None:
             self._stamps.add(packet.pts)
 
     def reached(self, stamp: int) -> bool:

@@ -91,7 +91,17 @@ class VideoFile:
                 if found.damaged and not self.damage:
                     self.damage = f"is damaged: images are concealed or smeared from {self.times[index]:.2f} s"
                 by_stamp = (found.position - self._stamps[0]) * self._unit
-                yield float(self.times[index] if self._by_count else by_stamp), self._display.image(found.frame)
+                yield float(self.times[index] if self._by_count else by_stamp), self._shown(found.frame)
+
+    def _shown(self, frame: Any) -> np.ndarray:
+        import av
+
+        try:
+            return self._display.image(frame)
+        except (av.error.FFmpegError, ValueError) as error:
+            raise ArtifactError(
+                f"{self.path}: its colors ({frame.format.name}) cannot be converted: convert it to H.264"
+            ) from error
 
     def _from_first_decodable(self, stamps: np.ndarray, begins_with_key: bool) -> np.ndarray:
         """The timestamps from the first frame that a player shows: recordings may begin between keyframes.
@@ -109,7 +119,7 @@ class VideoFile:
                 self._skipped = shown.index(True) if True in shown else 0
                 left = stamps[max(len(stamps) - (len(shown) - self._skipped), 0) :]
             else:
-                left = stamps if self._by_count else stamps[stamps >= self._first(first, begins_with_key)]
+                left = stamps[stamps >= self._first(first, begins_with_key)]
         if len(left) < len(stamps):
             without = (left[0] - stamps[0]) * self._unit if len(left) else 0
             self._notes.append(f"begins between keyframes: the first {without:.2f} s have no images and are left out")

@@ -29,6 +29,7 @@ GROUP = {"g": "12", "bf": "3", "sc_threshold": "0"}
 DROPPED = (7, 8, 15)
 KEPT = [k for k in range(COUNT) if k not in DROPPED]
 BETWEEN = {"shown": range(10, COUNT), "times": TENTHS[:15], "words": "begins between keyframes", "exact": False}
+OPEN = {"words": "begins between keyframes", "exact": False}
 DAMAGED = {"words": "is damaged", "refused": "--strict", "times": TENTHS, "exact": False}
 HEADERS = [
     Media(
@@ -124,6 +125,22 @@ HEADERS = [
         "begins between keyframes",
         remuxed(".mpg", "mpeg2video", 4, {"g": "10"}, 25),
         **BETWEEN | {"times": PAL[:15]},
+    ),
+    Media(
+        "open.mpg",
+        "begins with an open GOP",
+        remuxed(".mpg", "mpeg2video", None, {"g": "9", "bf": "2"}, 25),
+        range(9, COUNT),
+        PAL[: COUNT - 9],
+        **OPEN,
+    ),
+    Media(
+        "open.ts",
+        "begins with an open GOP",
+        remuxed(".ts", "libx264", None, {"g": "9", "bf": "2", "x264-params": "open-gop=1:b-adapt=0:scenecut=0"}),
+        range(9, COUNT),
+        TENTHS[: COUNT - 9],
+        **OPEN,
     ),
 ]
 CUT = {"times": TENTHS, "refused": "always", "exact": False}

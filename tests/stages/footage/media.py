@@ -104,12 +104,16 @@ def oriented(name: str, what: str, matrix: tuple[int, int, int, int], store: Cal
     return Media(name, what, make, times=TENTHS)
 
 
-def remuxed(suffix: str, codec: str, first: int, options: dict[str, str], rate: int = FPS) -> Callable[[Path], None]:
-    """A function that writes the packets of a video from one on."""
+def remuxed(
+    suffix: str, codec: str, first: int | None, options: dict[str, str], rate: int = FPS
+) -> Callable[[Path], None]:
+    """A function that writes the packets of a video from one on; None: from the second keyframe."""
 
     def make(path: Path) -> None:
         whole = write_video(path.with_name(f"whole{suffix}"), codec, options=options, rate=rate)
-        remux(path, whole, first=first)
+        with av.open(str(whole)) as file:
+            keys = [k for k, packet in enumerate(file.demux(video=0)) if packet.is_keyframe]
+        remux(path, whole, first=keys[1] if first is None else first)
         whole.unlink()
 
     return make

@@ -11,7 +11,14 @@ from tests.stages.footage.catalog import MEDIA
 from tests.stages.footage.comparison import Row, as_markdown, independent_decode, measure, with_ffmpeg, with_pyav
 
 EVERY = 6  # of so many files, one is tested fast
-SLOW = {"pq.mp4", "hlg.mp4", "hd.mp4", "hd-601.mp4", "sd.mp4"}  # large, or HDR, whose color table takes seconds
+SLOW = {
+    "pq.mp4",
+    "hlg.mp4",
+    "gamut.mp4",
+    "hd.mp4",
+    "hd-601.mp4",
+    "sd.mp4",
+}  # large, or HDR, whose color table takes seconds
 QUICK = {name for k, name in enumerate(MEDIA) if k % EVERY == 0} - SLOW
 
 
