@@ -8,11 +8,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
+
 from artifacts import ArtifactError, open_regular
 
 INSIDE = (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"moof", b"traf")  # MP4 boxes that contain boxes
 MOST_BOXES = 10**6  # in an MP4; reading so many takes seconds
 PER_SAMPLE = 0xF00  # flags of a trun box for values that it stores for every frame
+BLOCKS, SYNC = (188, 192, 204), 0x47  # bytes in a block of a transport stream, and its first one
+LONGEST_SEARCH = 2**16  # bytes
 EBML, SEGMENT = b"\x1a\x45\xdf\xa3", b"\x18\x53\x80\x67"
 
 
@@ -51,6 +55,25 @@ def has_trailer(path: Path) -> bool:
     with open(path, "rb") as file:
         file.seek(max(path.stat().st_size - 64, 0))
         return file.read().rstrip(b"\0\r\n ").endswith(b";")
+
+
+def loses_sync(path: Path) -> bool:
+    """Whether a transport stream has something else between its blocks. FFmpeg skips to the next block silently."""
+    data = np.memmap(path, np.uint8, "r")
+    for stride in BLOCKS:
+        begin = _sync_after(data, 0, stride)
+        if begin is not None:
+            wrong = np.flatnonzero(data[begin::stride] != SYNC)
+            return len(wrong) > 0 and _sync_after(data, begin + int(wrong[0]) * stride, stride) is not None
+    return False
+
+
+def _sync_after(data: np.ndarray, begin: int, stride: int) -> int | None:
+    """Where five blocks follow each other, as far after `begin` as FFmpeg looks."""
+    window = data[begin : begin + LONGEST_SEARCH + 5 * stride]
+    count = max(len(window) - 4 * stride, 0)
+    found = np.flatnonzero(np.all([window[k * stride :][:count] == SYNC for k in range(5)], axis=0))
+    return begin + int(found[0]) if len(found) else None
 
 
 def _read(file: BinaryIO, at: int, count: int) -> bytes:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from artifacts import ArtifactError
+from stages.footage.complaints import complaints
 from stages.footage.container import check_size, opened, tracks
 from stages.footage.decoding import ByCount, ByStamp, Damage, decoded
 from stages.footage.display import Display
@@ -36,7 +37,7 @@ class VideoFile:
         """
         self.path, self.label, self.damage = path, str(path), ""
         self._notes: list[str] = []
-        with opened(path) as (container, stream):
+        with complaints() as lines, opened(path) as (container, stream):
             self._display = Display(float(stream.sample_aspect_ratio or 1))
             width, height = stream.codec_context.width, stream.codec_context.height
             check_size(self.label, width, height)
@@ -45,8 +46,9 @@ class VideoFile:
                 number = tracks(container).index(stream) + 1
                 self._notes.append(f"of {others + 1} video tracks, number {number} ({width}x{height}) is taken")
             self._unit = float(stream.time_base)
-            found = scan_packets(path, container, stream)
+            found = scan_packets(path, container, stream, lines)
         self._by_count, self._keys, self.cut = found.by_count, found.keys, found.cut
+        self._unreadable = found.damage
         self._skipped = 0  # frames before the first one that can be decoded
         self._stamps = self._from_first_decodable(found.stamps, found.begins_with_key)
         self._period = float(np.median(np.diff(self._stamps))) if len(self._stamps) > 1 else 0.0
@@ -73,7 +75,7 @@ class VideoFile:
         Raises:
             ArtifactError: A frame cannot be decoded.
         """
-        self.damage = ""
+        self.damage = self._unreadable
         wanted = [int(index if self._by_count else self._stamps[index]) for index in indices]
         reader: ByCount | ByStamp
         if self._by_count:

@@ -14,6 +14,7 @@ from tests.stages.footage.media import (
     changed,
     damaged,
     joined,
+    overwritten,
     put,
     remuxed,
     resized,
@@ -143,6 +144,7 @@ HEADERS = [
         **OPEN,
     ),
 ]
+LOST = {"words": "parts of it cannot be read", "refused": "--strict", "times": None, "exact": False}
 CUT = {"times": TENTHS, "refused": "always", "exact": False}
 DAMAGE = [
     Media("zeros.mp4", "zeros in the middle, B-frames", damaged(range(5, 9), options=GROUP), **DAMAGED),
@@ -162,6 +164,26 @@ DAMAGE = [
         damaged(range(5, 9), codec="libx265", options=X265, **SMALL),
         **DAMAGED | {"words": "cannot be decoded", "refused": "always"},
     ),
+    Media(
+        "zeros-av1.mp4",
+        "zeros in the middle, AV1",
+        damaged(range(5, 9), codec="libsvtav1", options={"g": "12", "preset": "10"}, **SMALL),
+        **DAMAGED,
+    ),
+    Media(
+        "zeros-prores.mov",
+        "zeros in the middle, ProRes",
+        damaged(range(5, 9), codec="prores_ks", pixels="yuv422p10le"),
+        **DAMAGED | {"words": "cannot be decoded", "refused": "always"},
+    ),
+    Media("lost.avi", "chunks lost in the middle", overwritten(0.4, 0.5, codec="mjpeg", pixels="yuvj420p"), **LOST),
+    Media(
+        "lost.mkv",
+        "clusters lost in the middle",
+        overwritten(0.6, 0.7, container={"cluster_time_limit": "300"}),
+        **LOST,
+    ),
+    Media("lost.ts", "blocks overwritten", overwritten(0.5, 0.6, options={"g": "50", "bf": "0"}), **LOST),
     Media("all-zeros.mp4", "all frames are zeros", damaged(range(COUNT)), words="cannot be decoded", **CUT),
     Media(
         "cut.mp4",

@@ -27,7 +27,7 @@ class Media:
         what: Description.
         make: Function that writes it.
         shown: Numbers of the pictures that it shows.
-        times: When it shows them, in seconds from the first.
+        times: When it shows them, in seconds from the first; None if it is not known what is left.
         words: What the import must say of it; empty if nothing.
         refused: Whether it is refused: "always", only with "--strict", or never ("").
         gray: Whether it has no colors.
@@ -39,7 +39,7 @@ class Media:
     what: str
     make: Callable[[Path], object]
     shown: Sequence[int] = range(COUNT)
-    times: Sequence[float] = ()
+    times: Sequence[float] | None = ()
     words: str = ""
     refused: str = ""
     hd: bool = False
@@ -169,6 +169,18 @@ def shifted(path: Path, seconds: float) -> None:
 def damaged(numbers: Sequence[int], **options) -> Callable[[Path], None]:
     """A function that writes a video and fills these packets with zeros."""
     return lambda path: damage(write_video(path, **options), numbers)
+
+
+def overwritten(begin: float, end: float, **options) -> Callable[[Path], None]:
+    """A function that writes a video and overwrites a part of its bytes, between these fractions."""
+
+    def make(path: Path) -> None:
+        data = bytearray(write_video(path, **options).read_bytes())
+        first, last = (int(share * len(data)) for share in (begin, end))
+        data[first:last] = bytes(last - first)
+        path.write_bytes(bytes(data))
+
+    return make
 
 
 def shortened(share: float, **options) -> Callable[[Path], None]:
