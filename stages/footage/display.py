@@ -25,10 +25,13 @@ class Display:
         notes: Remarks for the user.
     """
 
-    def __init__(self, aspect: float) -> None:
+    def __init__(self, aspect: float, transfer: int = UNSPECIFIED, primaries: int = UNSPECIFIED) -> None:
         """Args:
         aspect: Width of a pixel divided by its height.
+        transfer: Transfer characteristics of the stream, for PyAV before 17, whose frames do not tell.
+        primaries: The same of its primaries.
         """
+        self._transfer, self._primaries = transfer, primaries
         self.stretch = aspect if 1 / STRETCH <= aspect <= STRETCH else 1.0
         self.rotation = 0
         self.notes: list[str] = []
@@ -50,11 +53,11 @@ class Display:
             options |= {"src_colorspace": matrix, "dst_colorspace": matrix}
             if _is_hd(frame):
                 self._say("HD without color information is read as BT.709, as players do")
-        transfer = HDR.get(frame.color_trc)
-        if transfer or frame.color_primaries == BT2020:
-            kind = f"HDR ({transfer})" if transfer else "wide-gamut video"
-            own = BT709 if frame.color_trc == UNSPECIFIED else frame.color_trc
-            target = {"dst_color_trc": SRGB if transfer else own, "dst_color_primaries": BT709}
+        transfer = getattr(frame, "color_trc", self._transfer)
+        if transfer in HDR or getattr(frame, "color_primaries", self._primaries) == BT2020:
+            kind = f"HDR ({HDR[transfer]})" if transfer in HDR else "wide-gamut video"
+            own = BT709 if transfer == UNSPECIFIED else transfer
+            target = {"dst_color_trc": SRGB if transfer in HDR else own, "dst_color_primaries": BT709}
             try:
                 shown = _reformatter().reformat(frame, **options, **target)
             except (TypeError, ValueError, OSError):  # PyAV before 17, or colors that FFmpeg cannot convert

@@ -38,8 +38,9 @@ class VideoFile:
         self.path, self.label, self.damage = path, str(path), ""
         self._notes: list[str] = []
         with complaints() as lines, opened(path) as (container, stream):
-            self._display = Display(float(stream.sample_aspect_ratio or 1))
-            width, height = stream.codec_context.width, stream.codec_context.height
+            context = stream.codec_context
+            aspect, width, height = float(stream.sample_aspect_ratio or 1), context.width, context.height
+            self._display = Display(aspect, context.color_trc, context.color_primaries)
             check_size(self.label, width, height)
             check_size(self.label, round(width * self._display.stretch), height)
             if others := len(tracks(container)) - 1:

@@ -141,7 +141,7 @@ def cover_art(path: Path) -> None:
     [packet, *_] = [*cover.encode(av.VideoFrame.from_ndarray(np.full((240, 320, 3), 99, np.uint8))), *cover.encode()]
     with av.open(str(whole)) as file, av.open(str(path), "w") as out:
         first = out.add_mux_stream("mjpeg", rate=FPS, width=320, height=240)
-        first.disposition = av.stream.Disposition.attached_pic
+        first.disposition = av.stream.Disposition.attached_pic.value
         stream = out.add_stream_from_template(file.streams.video[0], opaque=True)
         packet.stream, packet.pts, packet.dts = first, 0, 0
         packet.time_base = Fraction(1, FPS)
