@@ -15,6 +15,10 @@ from artifacts import ArtifactError, open_regular
 INSIDE = (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"moof", b"traf")  # MP4 boxes that contain boxes
 MOST_BOXES = 10**6  # in an MP4; reading so many takes seconds
 PER_SAMPLE = 0xF00  # flags of a trun box for values that it stores for every frame
+SIZES = (  # of FLV and ASF: leading bytes, a mark in the header, and the form of the size of the file after it
+    (b"FLV", b"\0\x08filesize\0", ">d"),
+    (b"\x30\x26\xb2\x75", bytes.fromhex("a1dcab8c47a9cf118ee400c00c205365"), "<24xQ"),
+)
 BLOCKS, SYNC = (188, 192, 204), 0x47  # bytes in a block of a transport stream, and its first one
 LONGEST_SEARCH = 2**16  # bytes
 EBML, SEGMENT = b"\x1a\x45\xdf\xa3", b"\x18\x53\x80\x67"
@@ -45,6 +49,10 @@ def lacks_bytes(path: Path) -> bool:
         head = _read(file, 0, 12)
         if head.startswith(EBML):
             return _matroska_end(file) > length
+        for start, mark, form in SIZES:
+            if head.startswith(start):
+                rest = _read(file, 0, 2**12).partition(mark)[2]
+                return len(rest) >= struct.calcsize(form) and bool(struct.unpack_from(form, rest)[0] > length)
         if head.startswith(b"RIFF"):
             return 8 + struct.unpack("<I", head[4:8])[0] > length
         return any(end > length for kind, _, end in _boxes(file, 0, length) if kind in (b"mdat", b"moof"))

@@ -15,6 +15,7 @@ from stages.footage.decoding import Damage, decoded
 
 WITHOUT_DISPLAY_TIMES = ("avi", "mpeg")  # containers that do not store a presentation time for every frame
 
+WITH_DURATION = ("matroska,webm", "flv", "asf")  # for other containers FFmpeg only estimates it
 UNSURE = "is damaged or truncated"
 UNREADABLE = "is damaged: parts of it cannot be read, and what follows may be shown too early"
 
@@ -137,8 +138,8 @@ class _Found:
         last = self.decoded_at
         if last is not None and packet.dts is not None and packet.dts < last - 1 / packet.time_base:
             raise ArtifactError(
-                f"{path}: its time stamps go back after {float(last * packet.time_base):.2f} s: repair it, for example "
-                "with ffmpeg -i OLD -c copy NEW"
+                f"{path}: its time stamps go back after {float(last * packet.time_base):.2f} s: convert it, for "
+                "example with ffmpeg -i OLD NEW"
             )
 
 
@@ -162,8 +163,7 @@ def _what_is_cut(path: Path, container: Any, stream: Any, found: _Found, broken:
     packets = found.packets - len(found.unsure)
     if stream.frames > packets:
         return f"is truncated to {packets} of {stream.frames} frames"
-    # For other containers FFmpeg only estimates the duration.
-    declared = (container.duration or 0) / 1e6 if container.format.name.startswith("matroska") else 0.0
+    declared = (container.duration or 0) / 1e6 if container.format.name in WITH_DURATION else 0.0
     if declared - found.ends > 1.5 / float(stream.average_rate or 10):
         return f"is truncated to {found.ends:.2f} of {declared:.2f} s"
     return "" if stream.frames or declared else UNSURE

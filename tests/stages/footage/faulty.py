@@ -200,6 +200,8 @@ DAMAGE = [
         **CUT,
     ),
     Media("cut.mkv", "last part missing", shortened(0.85), words="is truncated to", **CUT),
+    Media("cut.flv", "last part missing", shortened(0.6), words="is truncated to", **CUT),
+    Media("cut.wmv", "last part missing", shortened(0.6, codec="wmv2"), words="is damaged or truncated", **CUT),
     Media(
         "cut.avi", "last part missing", shortened(0.8, codec="mjpeg", pixels="yuvj420p"), words="of 25 frames", **CUT
     ),

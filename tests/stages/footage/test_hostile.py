@@ -159,9 +159,9 @@ def test_boxes_without_end_are_refused(tmp_path, monkeypatch):
         VideoFile(path)
 
 
-@pytest.mark.parametrize("name", ["x.mp4", "x.mkv", "x.avi", "x.webm", "x.ts", "f.mp4", "live.mkv"])
+@pytest.mark.parametrize("name", ["x.mp4", "x.mkv", "x.avi", "x.webm", "x.ts", "f.mp4", "live.mkv", "x.flv", "x.wmv"])
 def test_only_a_shortened_file_lacks_bytes(name, tmp_path):
-    codec = "libvpx" if name.endswith("webm") else "libx264"
+    codec = {"webm": "libvpx", "wmv": "wmv2"}.get(name.rpartition(".")[2], "libx264")
     container = {"f.mp4": {"movflags": "+frag_keyframe+empty_moov"}, "live.mkv": {"live": "1"}}.get(name, {})
     if name == "x.mp4":
         container = {"movflags": "+faststart"}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 
+import av
 import numpy as np
 import pytest
 
@@ -26,6 +27,8 @@ QUICK = {name for k, name in enumerate(MEDIA) if k % EVERY == 0} - SLOW
     "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in MEDIA]
 )
 def test_a_media_file_is_shown_as_it_is(name, tmp_path):
+    if name == "lost.avi" and not hasattr(av.stream.Stream, "index_entries"):
+        pytest.skip("this version of PyAV does not tell what an index holds")
     row = measure(MEDIA[name], tmp_path)
     assert not row.wrong, row
 
