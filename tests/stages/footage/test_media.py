@@ -11,7 +11,7 @@ import pytest
 from tests.stages.footage.catalog import MEDIA
 from tests.stages.footage.comparison import Row, as_markdown, independent_decode, measure, with_ffmpeg, with_pyav
 
-EVERY = 6  # of so many files, one is tested fast
+EVERY = 8  # of so many files, one is tested fast
 SLOW = {
     "pq.mp4",
     "hlg.mp4",
@@ -20,7 +20,16 @@ SLOW = {
     "hd-601.mp4",
     "sd.mp4",
 }  # large, or HDR, whose color table takes seconds
-QUICK = {name for k, name in enumerate(MEDIA) if k % EVERY == 0} - SLOW
+ALWAYS = {
+    "h264-open.mkv",
+    "zeros.ts",
+    "zeros-av1.mp4",
+    "lost.ts",
+    "lost.mkv",
+    "open.ts",
+    "restarted.ts",
+}  # no other test is like them
+QUICK = ALWAYS | {name for k, name in enumerate(MEDIA) if k % EVERY == 0} - SLOW
 
 
 @pytest.mark.parametrize(
