@@ -134,7 +134,7 @@ class ImportConfig(Config):
         metavar="TASK",
         complete="task",
     )
-    strict: bool = option(False, "Stop with an error if a video cannot be used.")
+    strict: bool = option(False, "Stop with an error if a video cannot be used, or damage shows in its frames.")
     camera: str = option(
         "",
         "Camera in a data set, by its name or the last part of its name (default: the only one).",

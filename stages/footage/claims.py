@@ -8,11 +8,19 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
+
 from artifacts import ArtifactError, open_regular
 
 INSIDE = (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"moof", b"traf")  # MP4 boxes that contain boxes
 MOST_BOXES = 10**6  # in an MP4; reading so many takes seconds
 PER_SAMPLE = 0xF00  # flags of a trun box for values that it stores for every frame
+SIZES = (  # of FLV and ASF: leading bytes, a mark in the header, and the form of the size of the file after it
+    (b"FLV", b"\0\x08filesize\0", ">d"),
+    (b"\x30\x26\xb2\x75", bytes.fromhex("a1dcab8c47a9cf118ee400c00c205365"), "<24xQ"),
+)
+BLOCKS, SYNC = (188, 192, 204), 0x47  # bytes in a block of a transport stream, and its first one
+LONGEST_SEARCH = 2**16  # bytes
 EBML, SEGMENT = b"\x1a\x45\xdf\xa3", b"\x18\x53\x80\x67"
 
 
@@ -41,6 +49,10 @@ def lacks_bytes(path: Path) -> bool:
         head = _read(file, 0, 12)
         if head.startswith(EBML):
             return _matroska_end(file) > length
+        for start, mark, form in SIZES:
+            if head.startswith(start):
+                rest = _read(file, 0, 2**12).partition(mark)[2]
+                return len(rest) >= struct.calcsize(form) and bool(struct.unpack_from(form, rest)[0] > length)
         if head.startswith(b"RIFF"):
             return 8 + struct.unpack("<I", head[4:8])[0] > length
         return any(end > length for kind, _, end in _boxes(file, 0, length) if kind in (b"mdat", b"moof"))
@@ -51,6 +63,25 @@ def has_trailer(path: Path) -> bool:
     with open(path, "rb") as file:
         file.seek(max(path.stat().st_size - 64, 0))
         return file.read().rstrip(b"\0\r\n ").endswith(b";")
+
+
+def loses_sync(path: Path) -> bool:
+    """Whether a transport stream has something else between its blocks. FFmpeg skips to the next block silently."""
+    data = np.memmap(path, np.uint8, "r")
+    for stride in BLOCKS:
+        begin = _sync_after(data, 0, stride)
+        if begin is not None:
+            wrong = np.flatnonzero(data[begin::stride] != SYNC)
+            return len(wrong) > 0 and _sync_after(data, begin + int(wrong[0]) * stride, stride) is not None
+    return False
+
+
+def _sync_after(data: np.ndarray, begin: int, stride: int) -> int | None:
+    """Where five blocks follow each other, as far after `begin` as FFmpeg looks."""
+    window = data[begin : begin + LONGEST_SEARCH + 5 * stride]
+    count = max(len(window) - 4 * stride, 0)
+    found = np.flatnonzero(np.all([window[k * stride :][:count] == SYNC for k in range(5)], axis=0))
+    return begin + int(found[0]) if len(found) else None
 
 
 def _read(file: BinaryIO, at: int, count: int) -> bytes:

@@ -30,9 +30,7 @@ def tracks(container: Any) -> list[Any]:
     """The video streams that are videos: not cover art, thumbnails or other single images."""
     from av.stream import Disposition
 
-    # Looked up by name: not every version of PyAV knows all of them.
-    names = ("attached_pic", "timed_thumbnails", "still_image")
-    images = sum(getattr(Disposition, name, 0) for name in names)
+    images = Disposition.attached_pic | Disposition.timed_thumbnails | Disposition.still_image
     return [stream for stream in container.streams.video if not stream.disposition & images]
 
 

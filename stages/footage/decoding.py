@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from stages.footage.complaints import complaints
 from stages.footage.container import opened
 
+WITH_HIDDEN = ("vp8", "mpeg4")  # decoders of formats in which packets may have no image; it stands for the next ones
 HIDDEN = 2  # frames for which the previous image may stay on display
 WARM_UP = 32  # frames: twice as many as a decoder can keep to predict others from
 # Complaints about what is stored beside the images, which decoders log as errors.
@@ -76,7 +78,8 @@ class ByStamp:
         # Some packets have no image (hidden frames): the previous image stays on display.
         if found is None or stamp - found.position > self._slack:
             return None
-        return replace(found, damaged=found.damaged or self._damage.reached(stamp))
+        missing = found.position != stamp and self._stream.codec_context.name not in WITH_HIDDEN
+        return replace(found, damaged=found.damaged or missing or self._damage.reached(stamp))
 
     def _go_to(self, key: int | None) -> None:
         """Continue at a keyframe; None reopens the file, because some files cannot seek back to the beginning."""
@@ -108,7 +111,7 @@ class ByCount:
         container, stream = self._open.enter_context(opened(path))
         # Packets that were lost have a number, too.
         self._frames = _Forward(
-            Decoded(count + damage.lost - skipped, frame, frame.is_corrupt or damage.now)
+            Decoded(count + damage.lost - skipped, frame, frame.is_corrupt or damage.now or damage.reached(frame.pts))
             for count, frame in enumerate(decoded(container, stream, damage, None))
         )
 
@@ -153,7 +156,8 @@ class _Forward:
 class Damage:
     """Which frames damage has reached, from what the decoder reports packet by packet.
 
-    It lasts until the next keyframe, and reaches frames that are stored after that but shown before it.
+    It lasts until the next keyframe, and reaches leading images: those stored after the keyframe but shown before it,
+    which may be predicted from what comes before it. No other image is predicted from them.
 
     Attributes:
         now: Whether it reaches what is decoded now.
@@ -163,27 +167,37 @@ class Damage:
     def __init__(self) -> None:
         self.now, self.lost = False, 0
         self._unsure = False
-        self._shown_from = -math.inf
-        self._stamps: set[int] = set()
+        self._key = -math.inf  # timestamp of the last keyframe
+        self._in_leading = False
+        self._stamps: set[int | None] = set()
 
     def begin(self, packet: Any) -> None:
         """Take note of a packet that is decoded next."""
         # Where a transport stream lost something, that may also be what follows the packet that is marked.
         unsure, self._unsure = self._unsure, packet.is_corrupt
-        if not (self.now and packet.is_keyframe) or unsure:
+        if unsure or not packet.is_keyframe:
             return
         if packet.pts is not None:
-            self.now, self._shown_from = False, packet.pts
+            self._key, self._in_leading, self.now = packet.pts, self.now, False
         elif not packet.stream.codec_context.has_b_frames:
             self.now = False
 
     def end(self, packet: Any, damaged: bool) -> None:
         """Take note of what decoding the packet showed."""
-        self.now |= damaged
-        if packet.pts is not None and (self.now or packet.pts < self._shown_from):
+        if packet.pts is not None and packet.pts < self._key:
+            self._in_leading |= damaged
+            reached = self._in_leading
+        else:
+            self.now |= damaged
+            reached = self.now
+        if reached and packet.pts is not None:
             self._stamps.add(packet.pts)
 
-    def reached(self, stamp: int) -> bool:
+    def add(self, stamps: set[int | None]) -> None:
+        """Let it reach the frames with these timestamps."""
+        self._stamps |= stamps
+
+    def reached(self, stamp: int | None) -> bool:
         """Whether it reached the frame with this timestamp, which was decoded before."""
         return stamp in self._stamps
 
@@ -202,6 +216,7 @@ def decoded(container: Any, stream: Any, damage: Damage, wanted: frozenset[int] 
     context = stream.codec_context
     # External decoders (libdav1d for AV1) read skip_frame only once, when they are opened.
     external = context.name.startswith("lib")
+    waiting: set[int | None] = set()
     try:
         for packet in container.demux(stream):
             if not packet.size and packet.dts is not None:
@@ -212,6 +227,10 @@ def decoded(container: Any, stream: Any, damage: Damage, wanted: frozenset[int] 
             frames, errors = _decode(packet, external)
             damage.lost += errors and not frames
             damage.end(packet, errors or packet.is_corrupt)
+            waiting.add(packet.pts)
+            waiting.difference_update(frame.pts for frame in frames)
+            if errors and external:  # It may be about any of the packets whose images are not returned yet.
+                damage.add(waiting)
             yield from frames
     except av.error.FFmpegError:
         return
@@ -220,21 +239,16 @@ def decoded(container: Any, stream: Any, damage: Damage, wanted: frozenset[int] 
 def _decode(packet: Any, external: bool) -> tuple[list[Any], bool]:
     """The frames that a decoder returns for a packet, and whether it reports errors.
 
-    FFmpeg's own decoders conceal what is damaged and report it only to the log. External decoders refuse it; theirs is
-    not read, because it would come from threads that PyAV does not wait for.
+    External decoders refuse what is damaged. Their log is not read, because it would come from threads that PyAV does
+    not wait for.
     """
     import av
 
-    level, repeated = av.logging.get_level(), av.logging.get_skip_repeated()
     try:
-        if not external:
-            av.logging.set_skip_repeated(False)
-            av.logging.set_level(av.logging.ERROR)
-        with av.logging.Capture(local=False) as lines:
+        if external:
+            return packet.decode(), False
+        with complaints() as lines:
             frames = packet.decode()
     except av.error.FFmpegError:
         return [], True
-    finally:
-        av.logging.set_level(level)
-        av.logging.set_skip_repeated(repeated)
     return frames, any(not message.startswith(HARMLESS) for _, _, message in lines)

@@ -11,9 +11,10 @@ import numpy as np
 STRETCH = 8  # a larger pixel aspect ratio is taken for a wrong header entry
 HD_WIDTH, HD_HEIGHT = 1280, 577  # pixels; from here on, players take video without color information for BT.709
 UNSPECIFIED, BT709 = 2, 1  # in H.273, which numbers primaries, transfer characteristics and matrices
+MATRICES = (0, 1, 4, 5, 6, 7, 9)  # those that FFmpeg converts; the others are treated as unspecified
 SRGB = 13  # transfer characteristics
 HDR = {16: "PQ", 18: "HLG"}  # transfer characteristics
-WIDE = (9, 11, 12)  # primaries: BT.2020, DCI-P3, Display P3
+BT2020 = 9  # primaries
 
 
 class Display:
@@ -24,10 +25,13 @@ class Display:
         notes: Remarks for the user.
     """
 
-    def __init__(self, aspect: float) -> None:
+    def __init__(self, aspect: float, transfer: int = UNSPECIFIED, primaries: int = UNSPECIFIED) -> None:
         """Args:
         aspect: Width of a pixel divided by its height.
+        transfer: Transfer characteristics of the stream, for PyAV before 17, whose frames do not tell.
+        primaries: The same of its primaries.
         """
+        self._transfer, self._primaries = transfer, primaries
         self.stretch = aspect if 1 / STRETCH <= aspect <= STRETCH else 1.0
         self.rotation = 0
         self.notes: list[str] = []
@@ -44,19 +48,22 @@ class Display:
 
     def _in_rgb(self, frame: Any, width: int) -> Any:
         options: dict[str, Any] = {"width": width, "format": "rgb24"}
-        if frame.colorspace == UNSPECIFIED and not _is_rgb(frame) and _is_hd(frame):
-            options["src_colorspace"] = "ITU709"
-            self._say("HD without color information is read as BT.709, as players do")
-        transfer = HDR.get(frame.color_trc)
-        if transfer or frame.color_primaries in WIDE:
-            kind = f"HDR ({transfer})" if transfer else "wide-gamut video"
-            converted = {"dst_color_trc": SRGB, "dst_color_primaries": BT709}
+        if frame.colorspace not in MATRICES and not _is_rgb(frame):
+            matrix = "ITU709" if _is_hd(frame) else "ITU601"
+            options |= {"src_colorspace": matrix, "dst_colorspace": matrix}
+            if _is_hd(frame):
+                self._say("HD without color information is read as BT.709, as players do")
+        transfer = getattr(frame, "color_trc", self._transfer)
+        if transfer in HDR or getattr(frame, "color_primaries", self._primaries) == BT2020:
+            kind = f"HDR ({HDR[transfer]})" if transfer in HDR else "wide-gamut video"
+            own = BT709 if transfer == UNSPECIFIED else transfer
+            target = {"dst_color_trc": SRGB if transfer in HDR else own, "dst_color_primaries": BT709}
             try:
-                shown = _reformatter().reformat(frame, **options, **converted)
-            except TypeError:  # PyAV before 17
-                self._say(f"{kind} is not converted by this version of PyAV, and looks pale: install av 17 or later")
+                shown = _reformatter().reformat(frame, **options, **target)
+            except (TypeError, ValueError, OSError):  # PyAV before 17, or colors that FFmpeg cannot convert
+                self._say(f"{kind} is not converted and looks pale: install PyAV 17 or later, or convert it to BT.709")
             else:
-                self._say(f"{kind} is converted to SDR")
+                self._say(f"{kind} is converted to SDR in BT.709")
                 return shown
         return frame.reformat(**options)
 

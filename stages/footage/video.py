@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from artifacts import ArtifactError
+from stages.footage.complaints import complaints
 from stages.footage.container import check_size, opened, tracks
 from stages.footage.decoding import ByCount, ByStamp, Damage, decoded
 from stages.footage.display import Display
@@ -36,17 +37,19 @@ class VideoFile:
         """
         self.path, self.label, self.damage = path, str(path), ""
         self._notes: list[str] = []
-        with opened(path) as (container, stream):
-            self._display = Display(float(stream.sample_aspect_ratio or 1))
-            width, height = stream.codec_context.width, stream.codec_context.height
+        with complaints() as lines, opened(path) as (container, stream):
+            context = stream.codec_context
+            aspect, width, height = float(stream.sample_aspect_ratio or 1), context.width, context.height
+            self._display = Display(aspect, context.color_trc, context.color_primaries)
             check_size(self.label, width, height)
             check_size(self.label, round(width * self._display.stretch), height)
             if others := len(tracks(container)) - 1:
                 number = tracks(container).index(stream) + 1
                 self._notes.append(f"of {others + 1} video tracks, number {number} ({width}x{height}) is taken")
             self._unit = float(stream.time_base)
-            found = scan_packets(path, container, stream)
+            found = scan_packets(path, container, stream, lines)
         self._by_count, self._keys, self.cut = found.by_count, found.keys, found.cut
+        self._unreadable = found.damage
         self._skipped = 0  # frames before the first one that can be decoded
         self._stamps = self._from_first_decodable(found.stamps, found.begins_with_key)
         self._period = float(np.median(np.diff(self._stamps))) if len(self._stamps) > 1 else 0.0
@@ -73,7 +76,7 @@ class VideoFile:
         Raises:
             ArtifactError: A frame cannot be decoded.
         """
-        self.damage = ""
+        self.damage = self._unreadable
         wanted = [int(index if self._by_count else self._stamps[index]) for index in indices]
         reader: ByCount | ByStamp
         if self._by_count:
@@ -91,7 +94,17 @@ class VideoFile:
                 if found.damaged and not self.damage:
                     self.damage = f"is damaged: images are concealed or smeared from {self.times[index]:.2f} s"
                 by_stamp = (found.position - self._stamps[0]) * self._unit
-                yield float(self.times[index] if self._by_count else by_stamp), self._display.image(found.frame)
+                yield float(self.times[index] if self._by_count else by_stamp), self._shown(found.frame)
+
+    def _shown(self, frame: Any) -> np.ndarray:
+        import av
+
+        try:
+            return self._display.image(frame)
+        except (av.error.FFmpegError, ValueError) as error:
+            raise ArtifactError(
+                f"{self.path}: its colors ({frame.format.name}) cannot be converted: convert it to H.264"
+            ) from error
 
     def _from_first_decodable(self, stamps: np.ndarray, begins_with_key: bool) -> np.ndarray:
         """The timestamps from the first frame that a player shows: recordings may begin between keyframes.
@@ -109,7 +122,7 @@ class VideoFile:
                 self._skipped = shown.index(True) if True in shown else 0
                 left = stamps[max(len(stamps) - (len(shown) - self._skipped), 0) :]
             else:
-                left = stamps if self._by_count else stamps[stamps >= self._first(first, begins_with_key)]
+                left = stamps[stamps >= self._first(first, begins_with_key)]
         if len(left) < len(stamps):
             without = (left[0] - stamps[0]) * self._unit if len(left) else 0
             self._notes.append(f"begins between keyframes: the first {without:.2f} s have no images and are left out")

@@ -188,7 +188,7 @@ def remux(path: Path, *sources: Path, first: int = 0, default: int | None = 0) -
         out = stack.enter_context(av.open(str(path), "w"))
         for k, file in enumerate(files):
             stream = out.add_stream_from_template(file.streams.video[0], opaque=True)
-            stream.disposition = av.stream.Disposition.default if k == default else av.stream.Disposition(0)
+            stream.disposition = av.stream.Disposition.default.value if k == default else 0
             for number, packet in enumerate(file.demux(video=0)):
                 if packet.size and number >= first:
                     packet.stream = stream

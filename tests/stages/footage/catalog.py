@@ -111,6 +111,14 @@ PIXELS = [
         exact=False,
     ),
     Media(
+        "gamut.mp4",
+        "BT.2020, SDR",
+        partial(write_hdr, transfer=14),
+        times=TENTHS,
+        words="wide-gamut video is converted to SDR",
+        exact=False,
+    ),
+    Media(
         "hlg.mp4",
         "HLG",
         partial(write_hdr, transfer=18),

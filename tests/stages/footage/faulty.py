@@ -14,6 +14,7 @@ from tests.stages.footage.media import (
     changed,
     damaged,
     joined,
+    overwritten,
     put,
     remuxed,
     resized,
@@ -29,6 +30,7 @@ GROUP = {"g": "12", "bf": "3", "sc_threshold": "0"}
 DROPPED = (7, 8, 15)
 KEPT = [k for k in range(COUNT) if k not in DROPPED]
 BETWEEN = {"shown": range(10, COUNT), "times": TENTHS[:15], "words": "begins between keyframes", "exact": False}
+OPEN = {"words": "begins between keyframes", "exact": False}
 DAMAGED = {"words": "is damaged", "refused": "--strict", "times": TENTHS, "exact": False}
 HEADERS = [
     Media(
@@ -125,7 +127,24 @@ HEADERS = [
         remuxed(".mpg", "mpeg2video", 4, {"g": "10"}, 25),
         **BETWEEN | {"times": PAL[:15]},
     ),
+    Media(
+        "open.mpg",
+        "begins with an open GOP",
+        remuxed(".mpg", "mpeg2video", None, {"g": "9", "bf": "2"}, 25),
+        range(9, COUNT),
+        PAL[: COUNT - 9],
+        **OPEN,
+    ),
+    Media(
+        "open.ts",
+        "begins with an open GOP",
+        remuxed(".ts", "libx264", None, {"g": "9", "bf": "2", "x264-params": "open-gop=1:b-adapt=0:scenecut=0"}),
+        range(9, COUNT),
+        TENTHS[: COUNT - 9],
+        **OPEN,
+    ),
 ]
+LOST = {"words": "parts of it cannot be read", "refused": "--strict", "times": None, "exact": False}
 CUT = {"times": TENTHS, "refused": "always", "exact": False}
 DAMAGE = [
     Media("zeros.mp4", "zeros in the middle, B-frames", damaged(range(5, 9), options=GROUP), **DAMAGED),
@@ -145,6 +164,26 @@ DAMAGE = [
         damaged(range(5, 9), codec="libx265", options=X265, **SMALL),
         **DAMAGED | {"words": "cannot be decoded", "refused": "always"},
     ),
+    Media(
+        "zeros-av1.mp4",
+        "zeros in the middle, AV1",
+        damaged(range(5, 9), codec="libsvtav1", options={"g": "12", "preset": "10"}, **SMALL),
+        **DAMAGED,
+    ),
+    Media(
+        "zeros-prores.mov",
+        "zeros in the middle, ProRes",
+        damaged(range(5, 9), codec="prores_ks", pixels="yuv422p10le"),
+        **DAMAGED | {"words": "cannot be decoded", "refused": "always"},
+    ),
+    Media("lost.avi", "chunks lost in the middle", overwritten(0.4, 0.5, codec="mjpeg", pixels="yuvj420p"), **LOST),
+    Media(
+        "lost.mkv",
+        "clusters lost in the middle",
+        overwritten(0.6, 0.7, container={"cluster_time_limit": "300"}),
+        **LOST,
+    ),
+    Media("lost.ts", "blocks overwritten", overwritten(0.5, 0.6, options={"g": "50", "bf": "0"}), **LOST),
     Media("all-zeros.mp4", "all frames are zeros", damaged(range(COUNT)), words="cannot be decoded", **CUT),
     Media(
         "cut.mp4",
@@ -161,6 +200,8 @@ DAMAGE = [
         **CUT,
     ),
     Media("cut.mkv", "last part missing", shortened(0.85), words="is truncated to", **CUT),
+    Media("cut.flv", "last part missing", shortened(0.6), words="is truncated to", **CUT),
+    Media("cut.wmv", "last part missing", shortened(0.6, codec="wmv2"), words="is damaged or truncated", **CUT),
     Media(
         "cut.avi", "last part missing", shortened(0.8, codec="mjpeg", pixels="yuvj420p"), words="of 25 frames", **CUT
     ),

@@ -1,4 +1,4 @@
-"""HDR video made from ordinary pictures, by the formulas of BT.2100: a PQ or HLG file that shows the same colors."""
+"""HDR and wide-gamut video made from ordinary pictures, by the formulas of BT.2100: it shows the same colors."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from tests.stages.videos import COUNT, FPS, picture
 
-PQ = 16  # transfer characteristics, as numbered in H.273; HLG is 18
+SDR, PQ, HLG = 14, 16, 18  # transfer characteristics, as numbered in H.273
 WHITE = 203  # nits of white in BT.2408
 TO_BT2020 = np.array([[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0114], [0.0164, 0.0880, 0.8956]])
 LUMA = np.array([0.2627, 0.6780, 0.0593])
@@ -40,8 +40,12 @@ def write_hdr(path: Path, transfer: int) -> Path:
 def _planes(image: np.ndarray, transfer: int) -> list[np.ndarray]:
     """Y, Cb and Cr of an sRGB image (H, W, 3), with 10 bits in limited range."""
     value = image / 255
-    light = WHITE * np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4) @ TO_BT2020.T
-    signal = _pq(light / 10000) if transfer == PQ else _hlg(light / 1000)
+    if transfer == SDR:
+        light = np.where(value < 0.081, value / 4.5, ((value + 0.099) / 1.099) ** (1 / 0.45)) @ TO_BT2020.T
+        signal = np.where(light < 0.018, 4.5 * light, 1.099 * light**0.45 - 0.099)
+    else:
+        light = WHITE * np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4) @ TO_BT2020.T
+        signal = _pq(light / 10000) if transfer == PQ else _hlg(light / 1000)
     luma = signal @ LUMA
     blue, red = ((signal[..., 2] - luma) / 1.8814)[::2, ::2], ((signal[..., 0] - luma) / 1.4746)[::2, ::2]
     return [np.round(plane).astype(np.uint16) for plane in (64 + 876 * luma, 512 + 896 * blue, 512 + 896 * red)]

@@ -27,7 +27,7 @@ class Media:
         what: Description.
         make: Function that writes it.
         shown: Numbers of the pictures that it shows.
-        times: When it shows them, in seconds from the first.
+        times: When it shows them, in seconds from the first; None if it is not known what is left.
         words: What the import must say of it; empty if nothing.
         refused: Whether it is refused: "always", only with "--strict", or never ("").
         gray: Whether it has no colors.
@@ -39,7 +39,7 @@ class Media:
     what: str
     make: Callable[[Path], object]
     shown: Sequence[int] = range(COUNT)
-    times: Sequence[float] = ()
+    times: Sequence[float] | None = ()
     words: str = ""
     refused: str = ""
     hd: bool = False
@@ -104,12 +104,16 @@ def oriented(name: str, what: str, matrix: tuple[int, int, int, int], store: Cal
     return Media(name, what, make, times=TENTHS)
 
 
-def remuxed(suffix: str, codec: str, first: int, options: dict[str, str], rate: int = FPS) -> Callable[[Path], None]:
-    """A function that writes the packets of a video from one on."""
+def remuxed(
+    suffix: str, codec: str, first: int | None, options: dict[str, str], rate: int = FPS
+) -> Callable[[Path], None]:
+    """A function that writes the packets of a video from one on; None: from the second keyframe."""
 
     def make(path: Path) -> None:
         whole = write_video(path.with_name(f"whole{suffix}"), codec, options=options, rate=rate)
-        remux(path, whole, first=first)
+        with av.open(str(whole)) as file:
+            keys = [k for k, packet in enumerate(file.demux(video=0)) if packet.is_keyframe]
+        remux(path, whole, first=keys[1] if first is None else first)
         whole.unlink()
 
     return make
@@ -137,7 +141,7 @@ def cover_art(path: Path) -> None:
     [packet, *_] = [*cover.encode(av.VideoFrame.from_ndarray(np.full((240, 320, 3), 99, np.uint8))), *cover.encode()]
     with av.open(str(whole)) as file, av.open(str(path), "w") as out:
         first = out.add_mux_stream("mjpeg", rate=FPS, width=320, height=240)
-        first.disposition = av.stream.Disposition.attached_pic
+        first.disposition = av.stream.Disposition.attached_pic.value
         stream = out.add_stream_from_template(file.streams.video[0], opaque=True)
         packet.stream, packet.pts, packet.dts = first, 0, 0
         packet.time_base = Fraction(1, FPS)
@@ -165,6 +169,18 @@ def shifted(path: Path, seconds: float) -> None:
 def damaged(numbers: Sequence[int], **options) -> Callable[[Path], None]:
     """A function that writes a video and fills these packets with zeros."""
     return lambda path: damage(write_video(path, **options), numbers)
+
+
+def overwritten(begin: float, end: float, **options) -> Callable[[Path], None]:
+    """A function that writes a video and overwrites a part of its bytes, between these fractions."""
+
+    def make(path: Path) -> None:
+        data = bytearray(write_video(path, **options).read_bytes())
+        first, last = (int(share * len(data)) for share in (begin, end))
+        data[first:last] = bytes(last - first)
+        path.write_bytes(bytes(data))
+
+    return make
 
 
 def shortened(share: float, **options) -> Callable[[Path], None]:

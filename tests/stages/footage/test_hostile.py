@@ -15,7 +15,7 @@ import pytest
 from artifacts import ArtifactError, UsageError, image_size, open_regular, open_video, read_png, sha256_of
 from stages.config.demonstrations import Crop, parse_crop
 from stages.config.stages import TranslateConfig
-from stages.footage.claims import lacks_bytes
+from stages.footage.claims import lacks_bytes, loses_sync
 from stages.footage.crops import read_crops
 from stages.footage.images import decoded
 from stages.footage.moments import Segment, choose_frames
@@ -159,9 +159,9 @@ def test_boxes_without_end_are_refused(tmp_path, monkeypatch):
         VideoFile(path)
 
 
-@pytest.mark.parametrize("name", ["x.mp4", "x.mkv", "x.avi", "x.webm", "x.ts", "f.mp4", "live.mkv"])
+@pytest.mark.parametrize("name", ["x.mp4", "x.mkv", "x.avi", "x.webm", "x.ts", "f.mp4", "live.mkv", "x.flv", "x.wmv"])
 def test_only_a_shortened_file_lacks_bytes(name, tmp_path):
-    codec = "libvpx" if name.endswith("webm") else "libx264"
+    codec = {"webm": "libvpx", "wmv": "wmv2"}.get(name.rpartition(".")[2], "libx264")
     container = {"f.mp4": {"movflags": "+frag_keyframe+empty_moov"}, "live.mkv": {"live": "1"}}.get(name, {})
     if name == "x.mp4":
         container = {"movflags": "+faststart"}
@@ -211,3 +211,29 @@ def test_any_finite_rate_can_be_asked_for(tmp_path):
     video = VideoFile(write_video(tmp_path / "x.mp4"))
     indices, behind = choose_frames(video, Segment(3, fps=1e-320))
     assert indices.tolist() == [0, 24, 24] and behind == 2
+
+
+def blocks(count, stride=188, seed=0):
+    """A transport stream's blocks, with any content."""
+    data = np.random.default_rng(seed).integers(0, 0x40, (count, stride), dtype=np.uint8)
+    data[:, stride - 188] = 0x47
+    return data.tobytes()
+
+
+@pytest.mark.parametrize("stride", [188, 192, 204])
+def test_what_lies_between_the_blocks_of_a_transport_stream_is_found(stride, tmp_path):
+    path, whole = tmp_path / "x.ts", blocks(500, stride)
+    for right in (whole, b"\0" * 99 + whole, whole[77:], whole[:-77], whole + b"\0" * 9999):
+        path.write_bytes(right)
+        assert not loses_sync(path)
+    zeros = bytearray(whole)
+    zeros[30000:31000] = bytes(1000)
+    for wrong in (zeros, whole[:30000] + whole[30500:], whole[:30000] + b"between" + whole[30000:]):
+        path.write_bytes(wrong)
+        assert loses_sync(path)
+
+
+@pytest.mark.parametrize("content", [b"\x47" * 9, b"\0" * 9999])
+def test_what_is_no_transport_stream_cannot_lose_it(content, tmp_path):
+    (tmp_path / "x.ts").write_bytes(content)
+    assert not loses_sync(tmp_path / "x.ts")
