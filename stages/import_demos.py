@@ -153,7 +153,7 @@ class Importer:
             try:
                 check_crop(crop, picture.shape[:2], source.label)
             except ArtifactError as error:  # The preview is meant to show where a bad crop is.
-                self._run.progress.say(str(error))
+                self._run.progress.warn(str(error))
             return preview_cell(picture, crop, f"{source.path.name} {source.part}".rstrip())
         except ArtifactError as error:
             self._skip(source.label, error)
@@ -172,7 +172,7 @@ class Importer:
             raise ArtifactError(f"{error} (--strict: nothing was written)") from error
         # A fault in a dataset file affects every episode in it.
         if str(error) not in self.reasons and len(self.reasons) < REASONS:
-            self._run.progress.say(f"skipped {error}")
+            self._run.progress.warn(f"skipped {error}")
         self.reasons[str(error)].append(label)
         self.skipped.append({"name": _name(label), "reason": str(error)})
 
@@ -189,7 +189,7 @@ class Importer:
         if footage.cut:
             self.notes["truncated or damaged, but complete in the selected segment"].append(name)
         if footage.damage:
-            self._run.progress.say(f"{source.label}: {footage.damage} (--strict: refuse it)")
+            self._run.progress.warn(f"{source.label}: {footage.damage} (--strict: refuse it)")
         for note in footage.notes:
             self.notes[note].append(name)
 

@@ -24,6 +24,10 @@ class Progress:
         if not self._quiet:
             say(text)
 
+    def warn(self, text: str) -> None:
+        """Print one line about data that is left out or damaged; --quiet does not hide it."""
+        say(text)
+
     @contextmanager
     def bar(self, description: str, total: int, unit: str, done: int = 0) -> Iterator[Bar]:
         """Show the progress of `total` units during the block; an interrupted run has done the first `done` units."""

@@ -125,6 +125,12 @@ def numbers(path):
     return {name: [number_in(frame) for frame in video] for name, video in zip(names, demos["frames"], strict=True)}
 
 
+def test_quiet_tells_only_what_is_left_out(ifo, folder):
+    code, result, said = ifo(folder, "--quiet")
+    assert code == 0 and result["skipped"]
+    assert len(said.splitlines()) == len(BAD) and all(line.startswith("skipped ") for line in said.splitlines())
+
+
 def test_every_video_is_imported_or_complained_of(ifo, folder, tmp_path):
     code, result, said = ifo(folder)
     assert code == 0, said
