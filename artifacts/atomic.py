@@ -65,7 +65,7 @@ def _making(named: Path, path: Path) -> Iterator[Path]:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        _remove_abandoned(path)
+        remove_abandoned(path)
         with _locked_folder(path) as folder:
             temporary = folder / "new"
             yield temporary
@@ -74,6 +74,8 @@ def _making(named: Path, path: Path) -> Iterator[Path]:
             os.replace(temporary, path)
         _fsync(path.parent)
     except OSError as error:
+        if isinstance(error.__context__, KeyboardInterrupt):  # The clean-up that it interrupted failed.
+            raise error.__context__ from None
         reason = " ".join((error.strerror or str(error)).split())
         raise PlatformError(
             f"{named}: cannot be written ({reason}): free some space or choose another location"
@@ -152,7 +154,7 @@ def _remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def _remove_abandoned(path: Path) -> None:
+def remove_abandoned(path: Path) -> None:
     """Remove what killed writers of the same file left behind: temporary folders that nobody locks."""
     for other in path.parent.glob(f"{glob.escape(_prefix(path))}*"):
         with suppress(OSError):

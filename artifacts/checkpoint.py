@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from artifacts.atomic import remove_abandoned
 from artifacts.errors import ArtifactError
 from artifacts.paths import sibling
 from artifacts.schema import Manifest
@@ -77,5 +78,7 @@ def read_checkpoint(path: str | Path, *, stage: str) -> tuple[Manifest, Any]:
 
 
 def remove_checkpoint(out: str | Path) -> None:
-    """Remove the checkpoint that belongs to an artifact, if there is one."""
-    checkpoint_path(out).unlink(missing_ok=True)
+    """Remove the checkpoint that belongs to an artifact, if there is one, and what killed writers of it left behind."""
+    path = checkpoint_path(out)
+    path.unlink(missing_ok=True)
+    remove_abandoned(path)

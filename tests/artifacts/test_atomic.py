@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -31,6 +32,15 @@ def test_a_folder_that_fails_leaves_nothing(tmp_path, error):
         (temporary / "b").write_text("text")
         raise error
     assert not os.listdir(tmp_path)
+
+
+def test_an_interrupt_that_makes_the_clean_up_fail_is_still_an_interrupt(tmp_path, monkeypatch):
+    def fails(*_, **__):
+        raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+
+    monkeypatch.setattr(shutil, "rmtree", fails)
+    with pytest.raises(KeyboardInterrupt), atomic_folder(tmp_path / "set"):
+        raise KeyboardInterrupt
 
 
 def test_a_folder_never_replaces_anything(tmp_path):

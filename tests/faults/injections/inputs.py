@@ -63,7 +63,8 @@ def imported_as_before(case: Case, original: Path) -> int:
         return code
     found = read_artifact(case.folder / "i.demos.h5")["frames"].astype(int)
     truth = read_artifact(original)["frames"].astype(int)
-    told = any(word in text for word in ("skipped", "damaged", "shorter", "corrupt", "concealed", "trunc", "decod"))
+    usual = ("import-demos: ", "imported 4 videos", "train-translator needs")
+    told = any(not line.startswith(usual) for line in text.splitlines())
     if told:
         return 0
     if found.shape != truth.shape:
