@@ -79,7 +79,10 @@ def emit_path(path: Path) -> None:
     if "\n" in line or _path_of(line.strip()) != line:
         line = json.dumps({"path": line})
     sys.stdout.flush()
-    sys.stdout.buffer.write(os.fsencode(line) + b"\n")
+    if binary := getattr(sys.stdout, "buffer", None):
+        binary.write(os.fsencode(line) + b"\n")
+    else:  # A caller of `main` has put a text stream in its place.
+        print(line)
     sys.stdout.flush()
 
 

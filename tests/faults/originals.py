@@ -71,7 +71,11 @@ STAGES = {
         ("x.demos.h5",),
         checkpoints=True,
     ),
-    "translate": Stage(("translate", "x.translator.h5", *TINY), "x.translation.h5", ("x.translator.h5", "x.demos.h5", "x.expert.h5")),
+    "translate": Stage(
+        ("translate", "x.translator.h5", *TINY),
+        "x.translation.h5",
+        ("x.translator.h5", "x.demos.h5", "x.expert.h5"),
+    ),
     "learn-policy trpo": learning("x", 4),
     "learn-policy ppo": learning("ppo", 3, "--learner", "ppo"),
     "learn-policy sac": learning("sac", 3, "--learner", "sac"),

@@ -168,7 +168,7 @@ def test_verify_looks_at_all_that_is_named_like_an_artifact(run_ifo, make, tmp_p
     (tmp_path / "b.demos.h5").symlink_to("nowhere")
     code, out, err = run_ifo("verify", tmp_path)
     assert code == 3 and out.count("ok ") == 1
-    assert "a.demos.h5: cannot be read (it is a pipe" in err and "b.demos.h5: no such file" in err
+    assert "a.demos.h5: cannot be read (not a regular file" in err and "b.demos.h5: no such file" in err
 
 
 @pytest.mark.parametrize("command", ["inspect", "verify", "report", "export-demos", "translate"])

@@ -85,7 +85,7 @@ def old_output(case: Case, name: str) -> str:
     stage = STAGES[name]
     if not stage.out.endswith(".h5") or case.rng.random() < 0.5:
         return ""
-    other = case.choose(n for n in ("x.expert.h5", "x.demos.h5") if n not in stage.inputs and n != stage.out)
+    other = case.choose(n for n in case.originals.files if n not in (*stage.inputs, stage.out))
     (case.folder / stage.out).write_bytes((case.originals.folder / other).read_bytes())
     return content_of(case.folder / stage.out)
 

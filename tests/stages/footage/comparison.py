@@ -80,6 +80,9 @@ class Listening(Progress):
     def say(self, text: str) -> None:
         self.lines.append(text)
 
+    def warn(self, text: str) -> None:
+        self.lines.append(text)
+
 
 def measure(media: Media, folder: Path) -> Row:
     """Write the file, import it, and compare."""
