@@ -35,6 +35,8 @@ def schedule(kinds: list[str], count: int, seed: int) -> list[str]:
     """Return the kind of each injection: each gets its share, in a random order."""
     shares = np.array([KINDS[name][1] for name in kinds])
     counts = np.maximum(1, np.floor(count * shares / shares.sum())).astype(int)
+    while counts.sum() > count and counts.max() > 1:
+        counts[counts.argmax()] -= 1
     names = [name for name, n in zip(kinds, counts, strict=True) for _ in range(n)][:count]
     names += [kinds[int(shares.argmax())]] * (count - len(names))
     return [names[i] for i in np.random.default_rng(seed).permutation(count)]
