@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Generator, Iterator, Sequence
 
 import numpy as np
 
-from artifacts import ArtifactError
+from artifacts import ArtifactError, image_size
+from stages.footage.container import check_size
 from stages.footage.images import RATE, decoded
-from stages.footage.video import check_size
 
-MOST_PIXELS = 2**26  # of an image; a decoder needs up to eight bytes for each
-PNG_HEADER = struct.Struct(">8x4x4sII")  # signature, length, the type of the first chunk, width, height
-JPEG_SEGMENT = struct.Struct(">BBHxHH")  # 0xFF, type, length, bits per sample, height, width
-JPEG_SIZES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # types of the segments that record the size
 LATEST = 1e12  # seconds; a later time stamp is not one
 RATES = 0.01, 10_000  # plausible frames per second
 Read = Callable[[np.ndarray], Iterator[np.ndarray]]
@@ -55,7 +50,7 @@ class StoredFrames:
             ArtifactError: An image is damaged or has an implausible size.
         """
         for index, picture in zip(indices, self._read(indices), strict=True):
-            check_picture_size(self.label, picture.shape[1], picture.shape[0])
+            check_size(self.label, picture.shape[1], picture.shape[0])
             yield float(self.times[index]), picture
 
 
@@ -98,35 +93,10 @@ def from_bytes(label: str, data: bytes | None) -> np.ndarray:
     Raises:
         ArtifactError: The data is not a complete PNG or JPEG, or its image has an implausible size.
     """
-    size = size_in_header(data) if data else None
+    size = image_size(data) if data else None
     if size is not None:
-        check_picture_size(label, *size)
+        check_size(label, *size)
     picture = decoded(data) if data and size else None
     if picture is None:
         raise ArtifactError(f"{label}: a frame is not a complete PNG or JPEG: download the dataset again")
     return picture
-
-
-def check_picture_size(label: str, width: int, height: int) -> None:
-    """Raise ArtifactError for image sizes that no camera produces."""
-    check_size(label, width, height)
-    if width * height > MOST_PIXELS:
-        raise ArtifactError(f"{label}: its image has {width}x{height} pixels: expected at most {MOST_PIXELS}")
-
-
-def size_in_header(data: bytes) -> tuple[int, int] | None:
-    """Width and height according to the header of a PNG or JPEG; None if it has none."""
-    if data.startswith(b"\x89PNG"):
-        if len(data) < PNG_HEADER.size:
-            return None
-        kind, width, height = PNG_HEADER.unpack_from(data)
-        return (width, height) if kind == b"IHDR" else None
-    at = 2
-    while data.startswith(b"\xff\xd8") and at + JPEG_SEGMENT.size <= len(data):
-        mark, kind, length, height, width = JPEG_SEGMENT.unpack_from(data, at)
-        if mark != 0xFF:
-            return None
-        if kind in JPEG_SIZES:
-            return width, height
-        at += 1 if kind == 0xFF else 2 + length  # 0xFF pads
-    return None

@@ -12,10 +12,10 @@ import numpy as np
 
 from artifacts import ArtifactError
 from stages.datasets.episode import check_is_there, is_plain, reason_of
-from stages.datasets.frames import StoredFrames, as_picture, check_picture_size, from_bytes, times_of
+from stages.datasets.frames import StoredFrames, as_picture, from_bytes, times_of
 from stages.datasets.hdf5_chunks import LARGEST_CHUNK, StoredArray
 from stages.datasets.hdf5_heaps import check_heaps
-from stages.footage.container import SMALLEST
+from stages.footage.container import SMALLEST, check_size
 
 if TYPE_CHECKING:
     import h5py
@@ -159,7 +159,7 @@ def footage(path: Path, name: str, label: str, expected: Sequence[int], times: s
             raise ArtifactError(f"{label}: {name} is missing or contains no images: expected uint8 (T, H, W, 3)")
         StoredArray(label, dataset)
         if min(sides := _sides(dataset)):
-            check_picture_size(label, sides[1], sides[0])
+            check_size(label, sides[1], sides[0])
         count = int(dataset.shape[0])
         stamps = _numbers(label, member(file, times), count)
     if not count:

@@ -11,7 +11,7 @@ from artifacts import ArtifactError, open_video
 from stages.footage.claims import check_claims
 
 SMALLEST, LARGEST = 16, 16384  # pixels per side
-MOST_PIXELS = 2**27  # a frame needs up to eight bytes for each
+MOST_PIXELS = 2**26  # a frame needs up to eight bytes for each
 
 
 @contextmanager

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from artifacts import ArtifactError, UsageError
+from artifacts import ArtifactError, UsageError, image_size
 from stages.datasets.episode import Episode, brief, check_is_there, choose_camera, episodes_in, listing
 from stages.datasets.feature_statistics import levels_in, of_numbers, of_pictures
-from stages.datasets.frames import StoredFrames, as_picture, from_bytes, size_in_header, times_of
+from stages.datasets.frames import StoredFrames, as_picture, from_bytes, times_of
 from stages.datasets.window import between, slack
 
 CAMERAS = ["observation.images.front", "observation.images.side", "wrist_image"]
@@ -234,9 +234,9 @@ def test_sizes_are_checked_before_pictures_are_decoded():
     for width, height in ((30, 20), (300, 200)):
         frame = np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
         for suffix in (".png", ".jpg"):
-            assert size_in_header(cv2.imencode(suffix, frame)[1].tobytes()) == (width, height)
+            assert image_size(cv2.imencode(suffix, frame)[1].tobytes()) == (width, height)
     for data in (b"", b"\x89PNG", b"\xff\xd8", b"\xff\xd8" + bytes(99), b"\xff\xd8" + b"\xff" * 99, b"GIF89a"):
-        assert size_in_header(data) is None
+        assert image_size(data) is None
     for width, height in ((30000, 30000), (65535, 65535), (2**31, 2**31), (0, 20), (16000, 16000)):
         with pytest.raises(ArtifactError, match=f"x, 3: its image has {width}x{height} pixels"):
             from_bytes("x, 3", png_header(width, height))
