@@ -137,6 +137,8 @@ class Originals:
         folder.mkdir(parents=True)
         make_videos(folder / "videos")
         for name in stages:
+            if not (folder / "x.demos.h5").exists() and (folder / "i.demos.h5").exists():
+                shutil.copy(folder / "i.demos.h5", folder / "x.demos.h5")  # collect-demos was not asked for.
             originals._make(name)
         notes = {
             name: {"outcome": asdict(outcome), "content": originals.content[name], "took": originals.took[name]}
@@ -185,8 +187,9 @@ class Originals:
                 shutil.copy(self.folder / name, folder / name)
 
     def parents(self, name: str) -> tuple[str, ...]:
-        """Return the inputs of the stage that made a file."""
-        return next((stage.inputs for stage in STAGES.values() if stage.out == name), ())
+        """Return those inputs of the stage that made a file that are here."""
+        inputs = next((stage.inputs for stage in STAGES.values() if stage.out == name), ())
+        return tuple(name for name in inputs if (self.folder / name).exists())
 
 
 def content_of(path: Path) -> str:

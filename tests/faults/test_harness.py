@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import faulthandler
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -15,13 +14,15 @@ import numpy as np
 import pytest
 
 from artifacts import write_artifact
+from tests.faults.__main__ import load_kinds, schedule
 from tests.faults.case import KINDS, Case
 from tests.faults.injections.damage import read_back
-from tests.faults.server import complaint, run
+from tests.faults.server import Outcome, complaint, run, start
 
 ROOT = Path(__file__).resolve().parents[2]
-SAMPLE = 40
-STAGES = "train-expert,collect-demos,import-demos,export-demos lerobot,export-demos robomimic"
+SAMPLE = 30
+NEED_OTHER_STAGES = ("not finite", "hostile lineage", "swapped chunks")
+STAGES = "import-demos,export-demos lerobot,export-demos robomimic"  # They take less than a second.
 
 
 def says(text, code=3):
@@ -34,10 +35,6 @@ def says(text, code=3):
 
 def raises():
     raise ValueError("a bug")
-
-
-def takes_memory():
-    return int(np.ones(700 << 20, np.uint8)[0]) - 1
 
 
 def crashes():
@@ -73,7 +70,6 @@ def folder(tmp_path):
         (says("damaged"), "0 error lines"),
         (says("ifo: a \x1b[31mb"), "control characters"),
         (says("ifo: a", 2), "exit code 2, expected 0/3"),
-        (takes_memory, "needs"),
         (names_its_file_and_prints_a_path, "although it failed"),
     ],
 )
@@ -81,15 +77,18 @@ def test_a_bad_end_is_noticed(folder, task, problem):
     found = complaint(
         run(folder, task, cpu_seconds=1 if task is works_forever else 20),
         (0, 3),
-        resident=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
     )
     assert found.startswith(problem) if not problem else problem in found
     assert bool(found) == bool(problem), found
 
 
-def test_waiting_forever_is_noticed(folder):
-    from tests.faults.server import start
+def test_memory_out_of_proportion_is_noticed():
+    outcome = Outcome(0, "", "", 0.1, resident=2 << 30, hung=False)
+    assert complaint(outcome, (0,), resident=1 << 30).startswith("needs 2048 MiB")
+    assert complaint(outcome, (0,), resident=2 << 30) == ""
 
+
+def test_waiting_forever_is_noticed(folder):
     outcome = start(folder, lambda: time.sleep(1000) or 0).wait(limit=0.3)
     assert "hangs" in complaint(outcome, (0, 3))
 
@@ -113,8 +112,9 @@ def test_what_a_failed_stage_leaves_is_noticed(folder):
 
 @pytest.mark.gl
 def test_a_sample_of_injections_is_handled():
-    seed = "7"
-    words = ["--n", str(SAMPLE), "--seed", seed, "--stages", STAGES, "--jobs", "1"]
+    load_kinds()
+    kinds = [word for name in KINDS if name not in NEED_OTHER_STAGES for word in ("--only", name)]
+    words = ["--n", str(SAMPLE), "--seed", "7", "--stages", STAGES, "--jobs", "1", *kinds]
     done = subprocess.run(
         [sys.executable, "-m", "tests.faults", *words], cwd=ROOT, capture_output=True, text=True, timeout=900
     )
@@ -122,7 +122,5 @@ def test_a_sample_of_injections_is_handled():
 
 
 def test_every_kind_is_in_a_small_sample():
-    from tests.faults.__main__ import load_kinds, schedule
-
     load_kinds()
     assert set(schedule(list(KINDS), SAMPLE, 7)) == set(KINDS)

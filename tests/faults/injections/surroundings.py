@@ -89,7 +89,7 @@ def input_changed(case: Case) -> Verdict:
         os.truncate(victim, int(case.rng.random() * victim.stat().st_size))
     elif change == "replaced":
         other = case.folder / "other"
-        other.write_bytes((case.originals.folder / "x.expert.h5").read_bytes())
+        other.write_bytes((case.originals.folder / case.choose(case.originals.files)).read_bytes())
         os.replace(other, victim)
     else:
         victim.chmod(0)
