@@ -24,6 +24,7 @@ CPU_SECONDS = 10.0
 WALL_SECONDS = 60.0  # a child may wait for a busy machine; what only waits, such as for a FIFO, ends here
 CHANGED = 99  # exit code of a child that read other data than was written
 IMPORTS = (
+    "ifo_cli.main",
     "stages.train_expert", "stages.collect_demos", "stages.import_demos", "stages.export_demos",
     "stages.train_translator", "stages.translate", "stages.learn_policy", "stages.evaluate", "stages.report",
     "stages.learners.algorithms", "stages.learners.gps.learner", "stages.datasets.lerobot", "stages.datasets.robomimic",

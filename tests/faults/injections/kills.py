@@ -119,7 +119,8 @@ def killed(case: Case) -> Verdict:
 def interrupted(case: Case) -> Verdict:
     number = case.choose((signal.SIGINT, signal.SIGTERM))
     name, what, outcome, old, problem = stopped(case, number)
-    problem = problem or complaint(outcome, (0, 130)) or case.judge_leftovers()
+    if outcome.code != -number:  # Before and after a command handles signals, it ends as by SIGKILL.
+        problem = problem or complaint(outcome, (0, 130)) or case.judge_leftovers()
     if not problem:
         remove_old(case, name, old)
         problem = again(case, name)

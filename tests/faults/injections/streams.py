@@ -41,8 +41,8 @@ def with_streams(task, stdout: str, stderr: str, encoding: str):
         return open(number, "w", encoding=encoding, errors=errors, closefd=False)
 
     def run_it() -> int:
-        descriptor(stdout, 1)
-        descriptor(stderr, 2)
+        for how, number in sorted(((stdout, 1), (stderr, 2)), key=lambda pair: pair[0] == "closed"):
+            descriptor(how, number)  # Those to close come last, or what is opened next would take their numbers.
         sys.stdout, sys.stderr = opened(stdout, 1), opened(stderr, 2)
         sys.__stdout__, sys.__stderr__ = sys.stdout, sys.stderr
         code = task()
