@@ -28,11 +28,19 @@ def put_our_packages_first(home: str) -> None:
     for name in PACKAGES:
         if (module := sys.modules.get(name)) is not None:
             _check_is_ours(name, getattr(module, "__file__", None) or "", home)
-    entries = [os.path.realpath(entry) for entry in sys.path]
+    entries = list(map(_real, sys.path))
     at = entries.index(home) if home in entries else len(entries)
     shadows = [entry for entry in sys.path[:at] if any(PathFinder.find_spec(name, [entry]) for name in PACKAGES)]
     if shadows:
         sys.path[:] = [*(entry for entry in sys.path[:at] if entry not in shadows), home, *shadows, *sys.path[at + 1 :]]
+
+
+def _real(entry: str) -> str:
+    """Return an entry of `sys.path` without links; a relative one stays as it is if the working folder is gone."""
+    try:
+        return os.path.realpath(entry)
+    except FileNotFoundError:
+        return entry
 
 
 def _check_is_ours(name: str, file: str, home: str) -> None:

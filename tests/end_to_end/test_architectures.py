@@ -8,7 +8,7 @@ from artifacts import read_artifact, verify_artifact
 from stages.translation.networks import RealTranslator, load_translator, to_images
 
 pytestmark = pytest.mark.gl
-TRAIN = ("--arch", "real", "--augment", "--steps", 6, "--evaluate-every", 6)
+TRAIN = ("--arch", "real", "--augment", "--steps", 2, "--evaluate-every", 2)
 
 
 @pytest.fixture(scope="module")

@@ -56,7 +56,10 @@ def test_a_terminal_that_is_not_utf8(tmp_path):
 
 
 def test_a_working_folder_that_is_gone_is_one_line(tmp_path):
-    done = shell("mkdir gone && cd gone && rmdir ../gone && ifo inspect x", cwd=tmp_path)
+    # Editable installs have a relative entry in sys.path.
+    relative = "import sys; sys.path.append('relative'); from ifo_cli.main import main; sys.exit(main())"
+    line = f'mkdir gone && cd gone && rmdir ../gone && "{sys.executable}" -c "{relative}" inspect x'
+    done = shell(line, cwd=tmp_path)
     assert (done.returncode, done.stderr.count("\n")) == (4, 1) and "the working folder is gone" in done.stderr
 
 
