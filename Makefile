@@ -37,8 +37,8 @@ slow: setup ## Run the tests that take minutes.
 	@pytest -m slow
 
 N ?= 1000
-faults: setup ## Inject N=1000 faults, drawn with SEED=1: damage, kills, full disks, hostile files and streams.
-	@python -m tests.faults --n $(N) --seed $(SEED) --out results/faults.md
+faults: setup ## Inject N=1000 faults, drawn with SEED=1: damage, kills, hostile files. Run it again to resume.
+	@python -m tests.faults --n $(N) --seed $(SEED) --log runs/faults-$(N)-$(SEED) --out results/faults.md
 
 SEED ?= 1
 mutants: setup ## Mutation testing with a random sample of code changes (SEED=1); takes an hour.

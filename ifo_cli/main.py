@@ -33,7 +33,7 @@ from ifo_cli import (
 )
 from ifo_cli.options import PRESET_NOTE
 from ifo_cli.streams import standard_streams
-from stages.runtime.interrupts import killable
+from stages.runtime.interrupts import killable, undisguised_interrupts
 from stages.runtime.terminal import say
 
 INTERRUPTED = 130
@@ -130,7 +130,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(words: list[str]) -> int:
     try:
         command = typer.main.get_command(app)
-        code = command.main(words, prog_name="ifo", standalone_mode=False, obj=words)
+        with undisguised_interrupts():
+            code = command.main(words, prog_name="ifo", standalone_mode=False, obj=words)
         sys.stdout.flush()
     except typer.TyperException as error:
         from stages.runtime.processes import is_main

@@ -15,6 +15,7 @@ from stages.learners.environment import EpisodeEnv
 from stages.learners.gps.learner import GuidedPolicySearch
 from stages.learners.policy import policy_weights
 from stages.runtime.checkpoints import Checkpoints, curve_of
+from stages.runtime.interrupts import undisguised_interrupts
 from stages.runtime.run import RunOptions
 from stages.runtime.seeding import integer
 from stages.runtime.tensorboard import TensorBoard
@@ -57,6 +58,7 @@ def learn(
     threshold = env.task.success_threshold
     try:
         with (
+            undisguised_interrupts(),
             TensorBoard(sibling(out, ".tensorboard"), done) as board,
             run.progress.bar(f"{stage} ({config.learner})", config.iterations, "iterations", done) as bar,
         ):

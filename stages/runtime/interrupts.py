@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from artifacts.errors import IfoError
+
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -50,15 +52,45 @@ def deferred_interrupts(at_once: bool = False) -> Iterator[Callable[[], None]]:
             signal.signal(number, handler)
 
 
+_came: list[int] = []  # signals since `killable` began
+
+
 @contextmanager
 def killable() -> Iterator[None]:
     """Let `kill` end the block as Ctrl-C does: partial files are removed, and the message says how to continue."""
-    before = signal.getsignal(signal.SIGTERM)
-    if threading.current_thread() is not threading.main_thread() or before != signal.SIG_DFL:
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+    before = {number: signal.getsignal(number) for number in usual}
     try:
+        for number, handler in before.items():
+            if handler == usual[number]:
+                signal.signal(number, _interrupt)
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            if handler == usual[number]:
+                signal.signal(number, handler)
+                _came.clear()
+
+
+def _interrupt(number: int, _: Any) -> None:
+    _came.append(number)
+    raise KeyboardInterrupt
+
+
+@contextmanager
+def undisguised_interrupts() -> Iterator[None]:
+    """Raise KeyboardInterrupt again if a library turned it into an exception of its own, as ctypes does.
+
+    Errors that a user can fix stay as they are.
+    """
+    try:
+        yield
+    except IfoError:
+        raise
+    except Exception as error:
+        if _came:
+            raise KeyboardInterrupt from error
+        raise

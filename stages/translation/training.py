@@ -17,6 +17,7 @@ from torch import Tensor
 from artifacts import UsageError, sibling
 from stages.config.stages import LOSSES, TranslatorConfig
 from stages.runtime.checkpoints import Checkpoints, curve_of
+from stages.runtime.interrupts import undisguised_interrupts
 from stages.runtime.processes import Processes
 from stages.runtime.run import RunOptions
 from stages.runtime.seeding import generator, integer
@@ -299,6 +300,7 @@ def train(
     first = training.step
     try:
         with (
+            undisguised_interrupts(),
             TensorBoard(sibling(out, ".tensorboard"), training.step) if main else nullcontext() as board,
             run.progress.bar(f"train-translator ({config.arch})", config.steps, "steps", training.step) as bar,
         ):

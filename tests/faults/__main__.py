@@ -19,15 +19,15 @@ from collections import Counter
 from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from tests.faults.case import KINDS, Case, Verdict
-from tests.faults.originals import STAGES, Originals
+from tests.faults.originals import GRID, STAGES, Originals
 from tests.faults.server import prepare
+from tests.faults.table import write_section
 
-ROOT = Path(__file__).resolve().parents[2]
-TABLE = ROOT / "results" / "faults.md"
 MODULES = ("damage", "forged", "odd_hdf5", "inputs", "kills", "streams", "surroundings")
 
 
@@ -56,13 +56,16 @@ def inject(number: int, name: str, seed: int, originals: Originals, work: Path) 
             shutil.rmtree(path, ignore_errors=True)
 
 
-def work_through(part: int, jobs: int, kinds: list[str], options: argparse.Namespace, work: Path, log: Path) -> None:
-    """Make every `jobs`-th injection, and write one JSON line for each."""
+def work_through(part: int, kinds: list[str], options: argparse.Namespace, work: Path, log: Path) -> None:
+    """Make every `options.jobs`-th injection that `log` lacks, and append one JSON line to it for each."""
     originals = Originals.found(work / "originals")
     started = time.monotonic()
+    done = {line["case"] for line in lines_of(log)}
     with log.open("a") as file:
         for number, name in enumerate(kinds):
-            if number % jobs != part or (options.case is not None and number != options.case):
+            if number % options.jobs != part or (options.case is not None and number != options.case):
+                continue
+            if number in done:
                 continue
             if options.minutes and time.monotonic() - started > 60 * options.minutes:
                 break
@@ -75,18 +78,29 @@ def work_through(part: int, jobs: int, kinds: list[str], options: argparse.Names
                 print(f"case {number}, {name}, {verdict.stage}: {verdict.what}: {problem}", file=sys.stderr, flush=True)
 
 
-def page(lines: list[dict[str, object]], seed: int, seconds: float) -> str:
-    """results/faults.md."""
+def lines_of(log: Path) -> list[dict[str, Any]]:
+    """Return the injections in a log, without a last line that was cut off."""
+    text = log.read_text() if log.exists() else ""
+    return [json.loads(line) for line in text.splitlines(keepends=True) if line.endswith("\n")]
+
+
+def section(lines: list[dict[str, Any]], count: int, seed: int, seconds: float) -> str:
+    """The section on injections of results/faults.md.
+
+    Args:
+        lines: The injections that were made.
+        count, seed: What they were drawn with.
+        seconds: Sum over the injections.
+    """
     failed = [line for line in lines if line["problem"]]
     stages = Counter(str(line["stage"]) for line in lines)
     text = [
-        "# Fault injection",
-        "",
         f"{len(lines)} injections, {len(failed)} failed.",
         "",
-        f"Made by `make faults N={len(lines)} SEED={seed}` in {seconds / 60:.0f} minutes. A damaged file is refused in",
-        "one line, or read as it was written. A command that is killed, or whose disk, permissions, inputs or streams",
-        "fail, leaves the old output, the whole new one, or none; started again, it ends as if undisturbed.",
+        f"Made by `make faults N={count} SEED={seed}` in {seconds / 3600:.1f} hours, summed over parallel jobs.",
+        "A damaged file is refused in one line, or read as it was written. A command that is killed, or whose disk,",
+        "permissions, inputs or streams fail, leaves the old output, the whole new one, or none; started again, it",
+        "ends as if undisturbed.",
         "",
         "| Kind | Injections | Commands | Failed |",
         "|---|---:|---:|---:|",
@@ -97,11 +111,11 @@ def page(lines: list[dict[str, object]], seed: int, seconds: float) -> str:
             bad = sum(bool(line["problem"]) for line in mine)
             text.append(f"| {name} | {len(mine)} | {len({line['stage'] for line in mine})} | {bad} |")
     text += ["", "| Command | Injections | Failed |", "|---|---:|---:|"]
-    for stage, count in sorted(stages.items()):
+    for stage, of_stage in sorted(stages.items()):
         bad = sum(bool(line["problem"]) for line in lines if line["stage"] == stage)
-        text.append(f"| {stage} | {count} | {bad} |")
+        text.append(f"| {stage} | {of_stage} | {bad} |")
     if failed:
-        text += ["", "## Failed", ""]
+        text += ["", "Failed:", ""]
         text += [f"- case {line['case']}, {line['kind']}, {line['stage']}: {line['problem']}" for line in failed]
     return "\n".join(text) + "\n"
 
@@ -123,25 +137,25 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), help="injections at a time")
     parser.add_argument("--minutes", type=float, default=0, help="stop after this time (0: no limit)")
     parser.add_argument("--keep", type=Path, help="keep the undamaged files in this folder, and use them again")
-    parser.add_argument("--out", type=Path, help="where the table goes (default: standard output)")
+    parser.add_argument("--log", type=Path, help="continue from the injections in this folder; removed at the end")
+    parser.add_argument("--out", type=Path, help="the page to write the table to (default: standard output)")
     options = parser.parse_args()
     kinds = schedule(options.only or list(KINDS), options.n, options.seed)
-    started = time.monotonic()
     prepare()
     with tempfile.TemporaryDirectory(prefix="faults-") as temporary:
         work = Path(temporary)
-        chosen = tuple(options.stages.split(",")) if options.stages else tuple(STAGES)
-        Originals.made(work / "originals", chosen, options.keep)
-        logs = []
+        folder = options.log or work / "log"
+        folder.mkdir(parents=True, exist_ok=True)
+        chosen = tuple(options.stages.split(",")) if options.stages else (*STAGES, GRID)
+        Originals.made(work / "originals", chosen, options.keep or (options.log and folder / "originals"))
+        logs = [folder / f"log-{part}" for part in range(options.jobs)]
         children = []
-        for part in range(options.jobs):
-            logs.append(work / f"log-{part}")
-            logs[-1].touch()
+        for part, log in enumerate(logs):
             pid = os.fork()
             if not pid:
                 code = 1
                 try:
-                    work_through(part, options.jobs, kinds, options, work, logs[-1])
+                    work_through(part, kinds, options, work, log)
                     code = 0
                 except BaseException:
                     traceback.print_exc()
@@ -149,13 +163,14 @@ def main() -> int:
                     os._exit(code)
             children.append(pid)
         codes = [os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) for pid in children]
-        lines = [json.loads(line) for log in logs for line in log.read_text().splitlines()]
-    lines.sort(key=lambda line: line["case"])
-    text = page(lines, options.seed, time.monotonic() - started)
-    if options.out:
-        options.out.write_text(text)
-    else:
-        print(text)
+        lines = sorted((line for log in logs for line in lines_of(log)), key=lambda line: line["case"])
+        text = section(lines, options.n, options.seed, sum(line["seconds"] for line in lines))
+        if options.out:
+            write_section(options.out, "Injections", text)
+        else:
+            print(text)
+        if options.log and len(lines) == len(kinds):
+            shutil.rmtree(folder)
     return 1 if any(codes) or any(line["problem"] for line in lines) else 0
 
 

@@ -21,7 +21,7 @@ from tests.faults.server import Outcome, complaint, run, start
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = 30
-NEED_OTHER_STAGES = ("not finite", "hostile lineage", "swapped chunks")
+NEED_OTHER_STAGES = ("not finite", "hostile lineage", "swapped chunks", "reproduce, stopped and started again")
 STAGES = "import-demos,export-demos lerobot,export-demos robomimic"  # They take less than a second.
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import time
+from pathlib import Path
 
+from artifacts import sha256_of
 from tests.faults.case import TEMPORARY, Case, Verdict, kind
-from tests.faults.originals import STAGES, Stage, content_of
+from tests.faults.originals import GRID, GRID_WORDS, STAGES, Stage, content_of
 from tests.faults.server import Child, Outcome, command, complaint, start
 
 CPU_SECONDS = 120
@@ -132,3 +135,67 @@ def remove_old(case: Case, name: str, old: str) -> None:
     out = case.folder / STAGES[name].out
     if old and content_of(out) == old:
         out.unlink()
+
+
+@kind("reproduce, stopped and started again", 0.5)
+def stopped_reproduction(case: Case) -> Verdict:
+    """Files that were finished before are untouched afterwards, byte for byte; all others have the same content."""
+    number = case.choose((signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT))
+    after = 1.1 * case.originals.took[GRID] * case.rng.random()
+    folder = case.folder / GRID
+    child = start(case.folder, command(*GRID_WORDS, "--out", GRID), cpu_seconds=CPU_SECONDS)
+    while child.running() and time.monotonic() - child.started < after:
+        time.sleep(0.01)
+    child.send(number)
+    outcome = child.wait(LIMIT)
+    what = f"{number.name} after {after:.1f} s"
+    # `wait` kills the group of the command, in which its jobs are not.
+    jobs = outlived(folder)
+    if jobs:
+        return Verdict(GRID, what, f"its jobs outlive it: {jobs}")
+    if outcome.code != -number and (problem := complaint(outcome, (0, 130))):
+        return Verdict(GRID, what, problem)
+    return Verdict(GRID, what, completed(case, folder))
+
+
+def completed(case: Case, folder: Path) -> str:
+    """Run a stopped reproduction to its end, and return what differs from an undisturbed one."""
+    expected = contents(case.originals.folder / GRID)
+    half = contents(folder)
+    if wrong := [name for name, content in half.items() if content != expected.get(name)]:
+        return f"{wrong[0]} differs from that of an undisturbed run, before it is started again"
+    bytes_before = {name: sha256_of(folder / name) for name in half}
+    outcome = start(case.folder, command(*GRID_WORDS, "--out", GRID), cpu_seconds=CPU_SECONDS).wait(LIMIT)
+    if problem := complaint(outcome, (0,)):
+        return f"started again: {problem}"
+    if changed := [name for name, digest in bytes_before.items() if sha256_of(folder / name) != digest]:
+        return f"{changed[0]} was made again although it was finished"
+    found = contents(folder)
+    if wrong := sorted({name for name in found | expected if found.get(name) != expected.get(name)}):
+        return f"{wrong[0]} differs from that of an undisturbed run"
+    return case.judge_leftovers()
+
+
+def contents(folder: Path) -> dict[str, str]:
+    """Return the content digest of each finished artifact in a folder."""
+    return {path.name: content_of(path) for path in folder.glob("*.h5") if ".checkpoint." not in path.name}
+
+
+def outlived(folder: Path, seconds: float = 10.0) -> list[str]:
+    """Return the processes that still work in a folder after a time."""
+    deadline = time.monotonic() + seconds
+    while (left := working_in(folder)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return left
+
+
+def working_in(folder: Path) -> list[str]:
+    """Return the numbers of the processes whose working folder is `folder`."""
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            if os.readlink(process / "cwd") == str(folder):
+                found.append(process.name)
+        except OSError:  # It has ended.
+            continue
+    return found
