@@ -99,7 +99,9 @@ STAGES = {
 
 # A small grid: six jobs, one after the other.
 GRID = "reproduce"
-GRID_WORDS = (*(GRID, "--only", "reach", "--methods", "oracle"), *"--contexts 1 --preset toy --cores 1 --quiet".split())
+GRID_WORDS = (
+    GRID, "--only", "reach", "--methods", "oracle", "--contexts", 1, "--preset", "toy", "--cores", 1, "--quiet",
+)  # fmt: skip
 
 # The command that reads a file of each kind.
 CONSUMERS = {
