@@ -123,8 +123,8 @@ def listing(names: Sequence[str]) -> str:
 
 
 def is_plain(name: object) -> bool:
-    """Whether a name from a file can stand in messages and paths: printable text of at most 255 characters."""
-    return isinstance(name, str) and name.isprintable() and 0 < len(name) < 256
+    """Whether a name from a file can stand in messages and paths: printable text of at most 255 bytes."""
+    return isinstance(name, str) and name.isprintable() and 0 < len(name.encode()) < 256
 
 
 def check_is_there(path: Path) -> None:

@@ -18,6 +18,7 @@ DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 VIDEO_PATH = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 INDICES = ("chunk_index", "file_index")
 MOST_PARTS = 32  # of a path
+LONGEST = 1024  # characters of a path
 FIELD = re.compile(r"\{(\w+)(?::0?(\d{1,2})d)?\}")
 
 
@@ -74,9 +75,18 @@ class Template:
         return self.root / self._filled(dict(zip(INDICES, (chunk_index, file_index), strict=True)))
 
     def files(self) -> list[Path]:
-        """All files that the template fits, in natural order."""
+        """All files that the template fits, in natural order.
+
+        Raises:
+            ArtifactError: The path has unknown fields, or leads out of the dataset, or a folder cannot be read.
+        """
         pattern = Template(self.root, escape(self.text), escape(self.camera))._filled(dict.fromkeys(INDICES, "*"))
-        found = [file for file in self.root.glob(str(pattern)) if file.is_file()]
+        try:
+            found = [file for file in self.root.glob(str(pattern)) if file.is_file()]
+        except OSError as error:
+            raise ArtifactError(
+                f"{self.root}: cannot be searched for {brief(self.text)} ({error.strerror}): check its permissions"
+            ) from error
         return sorted(found, key=lambda file: [natural_order(Path(part)) for part in file.relative_to(self.root).parts])
 
     def _filled(self, indices: Mapping[str, int | str]) -> Path:
@@ -91,6 +101,7 @@ class Template:
 
         relative = Path(FIELD.sub(fill, self.text))
         unsafe = "{" in str(relative) or relative.is_absolute() or ".." in relative.parts
-        if unsafe or not 0 < len(relative.parts) <= MOST_PARTS or not all(is_plain(part) for part in relative.parts):
+        usual = 0 < len(relative.parts) <= MOST_PARTS and len(str(relative)) <= LONGEST
+        if unsafe or not usual or not all(is_plain(part) for part in relative.parts):
             raise ArtifactError(problem)
         return relative

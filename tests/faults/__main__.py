@@ -45,6 +45,7 @@ def schedule(kinds: list[str], count: int, seed: int) -> list[str]:
 def inject(number: int, name: str, seed: int, originals: Originals, work: Path) -> Verdict:
     """Make one injection in a folder of its own, and remove the folder."""
     folder = work / f"case-{number}"
+    shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
     case = Case(originals, folder, np.random.default_rng(np.random.SeedSequence([seed, number])))
     try:
@@ -78,10 +79,40 @@ def work_through(part: int, kinds: list[str], options: argparse.Namespace, work:
                 print(f"case {number}, {name}, {verdict.stage}: {verdict.what}: {problem}", file=sys.stderr, flush=True)
 
 
+def start_part(part: int, kinds: list[str], options: argparse.Namespace, work: Path, log: Path) -> int:
+    """Fork a process that runs `work_through`, and return its number."""
+    pid = os.fork()
+    if pid:
+        return pid
+    code = 1
+    try:
+        work_through(part, kinds, options, work, log)
+        code = 0
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        os._exit(code)
+
+
+def blame(part: int, kinds: list[str], jobs: int, log: Path, problem: str) -> None:
+    """Record as failed the first injection of a part that its log lacks."""
+    done = {line["case"] for line in lines_of(log)}
+    case = next(number for number in range(part, len(kinds), jobs) if number not in done)
+    print(f"case {case}, {kinds[case]}: {problem}", file=sys.stderr, flush=True)
+    line = {"case": case, "kind": kinds[case], "stage": "harness", "what": "", "problem": problem, "seconds": 0.0}
+    with log.open("a") as file:
+        print(json.dumps(line), file=file)
+
+
 def lines_of(log: Path) -> list[dict[str, Any]]:
-    """Return the injections in a log, without a last line that was cut off."""
-    text = log.read_text() if log.exists() else ""
-    return [json.loads(line) for line in text.splitlines(keepends=True) if line.endswith("\n")]
+    """Return the injections in a log, and remove a last line that was cut off."""
+    if not log.exists():
+        return []
+    text = log.read_text()
+    whole = text[: text.rfind("\n") + 1]
+    if whole != text:
+        log.write_text(whole)
+    return [json.loads(line) for line in whole.splitlines()]
 
 
 def section(lines: list[dict[str, Any]], count: int, seed: int, seconds: float) -> str:
@@ -149,20 +180,15 @@ def main() -> int:
         chosen = tuple(options.stages.split(",")) if options.stages else (*STAGES, GRID)
         Originals.made(work / "originals", chosen, options.keep or (options.log and folder / "originals"))
         logs = [folder / f"log-{part}" for part in range(options.jobs)]
-        children = []
-        for part, log in enumerate(logs):
-            pid = os.fork()
-            if not pid:
-                code = 1
-                try:
-                    work_through(part, kinds, options, work, log)
-                    code = 0
-                except BaseException:
-                    traceback.print_exc()
-                finally:
-                    os._exit(code)
-            children.append(pid)
-        codes = [os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) for pid in children]
+        parts = {start_part(part, kinds, options, work, log): part for part, log in enumerate(logs)}
+        while parts:
+            pid, status = os.wait()
+            part = parts.pop(pid, None)
+            if part is not None and status:
+                # The injection that was under way has ended the harness itself: it counts as failed, the others go on.
+                ended = os.waitstatus_to_exitcode(status)
+                blame(part, kinds, options.jobs, logs[part], f"the injection itself ended the harness ({ended})")
+                parts[start_part(part, kinds, options, work, logs[part])] = part
         lines = sorted((line for log in logs for line in lines_of(log)), key=lambda line: line["case"])
         text = section(lines, options.n, options.seed, sum(line["seconds"] for line in lines))
         if options.out:
@@ -171,7 +197,7 @@ def main() -> int:
             print(text)
         if options.log and len(lines) == len(kinds):
             shutil.rmtree(folder)
-    return 1 if any(codes) or any(line["problem"] for line in lines) else 0
+    return 1 if any(line["problem"] for line in lines) else 0
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from artifacts import write_artifact
-from tests.faults.__main__ import load_kinds, schedule
+from tests.faults.__main__ import blame, lines_of, load_kinds, schedule
 from tests.faults.case import KINDS, Case
 from tests.faults.injections.damage import read_back
 from tests.faults.server import Outcome, complaint, run, start
@@ -124,3 +124,10 @@ def test_a_sample_of_injections_is_handled():
 def test_every_kind_is_in_a_small_sample():
     load_kinds()
     assert set(schedule(list(KINDS), SAMPLE, 7)) == set(KINDS)
+
+
+def test_an_injection_that_ends_the_harness_counts_as_failed(tmp_path):
+    log = tmp_path / "log-1"
+    log.write_text('{"case": 1, "problem": ""}\n{"case": 3, "pro')
+    blame(1, ["a"] * 4, 2, log, "ended")
+    assert [(line["case"], bool(line["problem"])) for line in lines_of(log)] == [(1, False), (3, True)]
