@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from artifacts.errors import PlatformError
+from artifacts.interrupts import deferred_interrupts
 from artifacts.paths import real
 
 LONGEST_PREFIX = 200  # bytes of the name; file systems allow 255
@@ -88,13 +89,17 @@ def _locked_folder(path: Path) -> Iterator[Path]:
 
     It is a kernel lock: it works across containers that share the volume, and is released when the process ends.
     """
-    folder, lock = _new_locked_folder(path)
+    folder, lock = None, None
     try:
+        with deferred_interrupts():
+            folder, lock = _new_locked_folder(path)
         yield folder
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
-        if lock is not None:
-            os.close(lock)
+        with deferred_interrupts():  # An interrupt in the middle would leave the folder behind.
+            if folder is not None:
+                shutil.rmtree(folder, ignore_errors=True)
+            if lock is not None:
+                os.close(lock)
 
 
 def _new_locked_folder(path: Path) -> tuple[Path, int | None]:

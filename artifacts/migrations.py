@@ -109,9 +109,16 @@ def migrate(manifest: dict[str, Any], arrays: ArrayView) -> None:
             )
         step(manifest, arrays)
         if kind == "checkpoint":
-            stage = manifest["config"].get("stage")
-            CONFIGURATIONS.get((stage, version), lambda config: None)(manifest["config"])
+            _migrate_configuration(manifest["config"], version)
         manifest["schema_version"] = version + 1
+
+
+def _migrate_configuration(config: Any, version: int) -> None:
+    """Migrate the configuration in a checkpoint; anything else is refused when the manifest is checked."""
+    stage = config.get("stage") if isinstance(config, dict) else None
+    step = CONFIGURATIONS.get((stage, version)) if isinstance(stage, str) else None
+    if step is not None:
+        step(config)
 
 
 def _without_digests(manifest: dict[str, Any], arrays: ArrayView) -> None:

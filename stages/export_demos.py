@@ -20,10 +20,10 @@ from artifacts import (
     sibling,
     stem_of,
 )
+from artifacts.interrupts import deferred_interrupts
 from stages.config.demonstrations import MOST_FPS, ExportConfig
 from stages.config.names import CAMERA, PLAIN_FPS
 from stages.datasets.export import Export
-from stages.runtime.interrupts import deferred_interrupts
 from stages.runtime.run import RunOptions, StageResult, check
 
 AT_A_TIME = 64  # demonstrations in memory at a time

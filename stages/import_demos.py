@@ -23,6 +23,7 @@ from artifacts import (
     write_overview,
     write_png,
 )
+from artifacts.interrupts import deferred_interrupts
 from stages.config.demonstrations import Crop, ImportConfig, parse_crop, parse_size
 from stages.config.presets import DEFAULT_PRESET
 from stages.datasets.finding import find_episodes
@@ -31,7 +32,6 @@ from stages.footage.footage import Footage
 from stages.footage.moments import Segment, choose_frames
 from stages.footage.preview import preview_cell, preview_sheet
 from stages.footage.sources import Source, find_videos
-from stages.runtime.interrupts import deferred_interrupts
 from stages.runtime.outputs import Output
 from stages.runtime.run import RunOptions, StageResult, check, environment, full_config
 from stages.translation.training import FEWEST

@@ -26,6 +26,14 @@ from stages.runtime.run import StageResult
 
 SNAKEFILE = Path(__file__).parent / "reproduction" / "Snakefile"
 JOBS, LOCK, LOGS, CACHE = "jobs.json", ".reproduce.lock", "logs", ".snakemake/cache"
+# Snakemake, whose own traceback is not shown if it is interrupted before it handles interrupts.
+ENGINE = """
+import sys
+show = sys.excepthook
+sys.excepthook = lambda kind, *error: sys.exit(130) if kind is KeyboardInterrupt else show(kind, *error)
+from snakemake.cli import main
+main()
+"""
 RETRIES = 1
 RUNTIME = 6  # requested of a cluster: this many times the estimate, at least half an hour
 MEGABYTE = 1 << 20
@@ -144,7 +152,7 @@ def _alone(folder: Path) -> Iterator[int]:
 def _run(folder: Path, execution: Execution, lock: int) -> None:
     """Run the jobs with Snakemake; its messages go to standard error."""
     here = execution.executor == "local"
-    words = [sys.executable, "-m", "snakemake", "--snakefile", str(SNAKEFILE), "--config", f"jobs={JOBS}"]
+    words = [sys.executable, "-P", "-c", ENGINE, "--snakefile", str(SNAKEFILE), "--config", f"jobs={JOBS}"]
     words += ["--executor", execution.executor, "--cores" if here else "--jobs", str(execution.cores)]
     # The Snakefile ignores dates; these options also ignore changes of code and machine. Stages write whole files or
     # none, so that no file is incomplete, even if Snakemake was killed before it recorded the end of a job.

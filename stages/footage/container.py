@@ -23,7 +23,11 @@ def opened(path: Path) -> Iterator[tuple[Any, Any]]:
     """
     container = _open(path)
     with container:
-        yield container, _choose(path, container)
+        stream = _choose(path, container)
+        if not stream.codec_context.name.startswith("lib"):
+            # With a thread per slice, FFmpeg's own decoders do not tell which frames they concealed.
+            stream.thread_type = "NONE"
+        yield container, stream
 
 
 def tracks(container: Any) -> list[Any]:

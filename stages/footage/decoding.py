@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -36,14 +36,13 @@ class Decoded:
 class ByStamp:
     """Reads frames by timestamp. Seeks to the last keyframe before a frame if that is ahead of the current position."""
 
-    def __init__(self, path: Path, keys: np.ndarray, wanted: Sequence[int], period: float) -> None:
+    def __init__(self, path: Path, keys: np.ndarray, period: float) -> None:
         """Args:
         path: The file.
         keys: Timestamps of the keyframes.
-        wanted: Timestamps of the frames that will be asked for.
         period: Time between frames.
         """
-        self._path, self._keys, self._wanted = path, keys, frozenset(wanted)
+        self._path, self._keys = path, keys
         self._slack, self._warm_up = HIDDEN * period, WARM_UP * period
         self._open = ExitStack()
         self._frames: _Forward
@@ -83,14 +82,19 @@ class ByStamp:
 
     def _go_to(self, key: int | None) -> None:
         """Continue at a keyframe; None reopens the file, because some files cannot seek back to the beginning."""
+        import av
+
+        if key is not None:
+            try:
+                self._container.seek(key, stream=self._stream, backward=True)
+            except av.error.FFmpegError:  # The index is damaged.
+                key = None
         if key is None:
             self._open.close()
             self._container, self._stream = self._open.enter_context(opened(self._path))
-        else:
-            self._container.seek(key, stream=self._stream, backward=True)
         self._sought, self._certain = key is not None, key is None
         self._damage = damage = Damage()
-        frames = decoded(self._container, self._stream, damage, self._wanted)
+        frames = decoded(self._container, self._stream, damage)
         self._frames = _Forward(
             Decoded(frame.pts, frame, frame.is_corrupt or damage.reached(frame.pts))
             for frame in frames
@@ -112,7 +116,7 @@ class ByCount:
         # Packets that were lost have a number, too.
         self._frames = _Forward(
             Decoded(count + damage.lost - skipped, frame, frame.is_corrupt or damage.now or damage.reached(frame.pts))
-            for count, frame in enumerate(decoded(container, stream, damage, None))
+            for count, frame in enumerate(decoded(container, stream, damage))
         )
 
     def close(self) -> None:
@@ -197,32 +201,43 @@ class Damage:
         """Let it reach the frames with these timestamps."""
         self._stamps |= stamps
 
+    def spread(self, stamp: int | None, waiting: set[int | None]) -> None:
+        """Take note of a corrupt frame: it reaches those that may be predicted from it.
+
+        Args:
+            stamp: Its timestamp.
+            waiting: Timestamps of the frames that were decoded, but are not returned yet.
+        """
+        if stamp is None or stamp >= self._key:
+            self.now = True
+            self._stamps |= waiting
+        else:
+            self._stamps |= {other for other in waiting if other is not None and other < self._key}
+
     def reached(self, stamp: int | None) -> bool:
         """Whether it reached the frame with this timestamp, which was decoded before."""
         return stamp in self._stamps
 
 
-def decoded(container: Any, stream: Any, damage: Damage, wanted: frozenset[int] | None) -> Iterator[Any]:
+def decoded(container: Any, stream: Any, damage: Damage) -> Iterator[Any]:
     """Yield frames from the current position.
+
+    All of them are decoded, also those that nothing is predicted from: damage may show only there.
 
     Args:
         container: PyAV's container.
         stream: Its video stream.
         damage: Filled with what decoding shows.
-        wanted: Timestamps of the frames to decode, in addition to reference frames; None for all.
     """
     import av
 
     context = stream.codec_context
-    # External decoders (libdav1d for AV1) read skip_frame only once, when they are opened.
     external = context.name.startswith("lib")
     waiting: set[int | None] = set()
     try:
         for packet in container.demux(stream):
             if not packet.size and packet.dts is not None:
                 continue  # A dropped frame of an AVI; a decoder would take it for the end of the file.
-            needed = wanted is None or packet.pts is None or packet.pts in wanted
-            context.skip_frame = "DEFAULT" if needed or external else "NONREF"
             damage.begin(packet)
             frames, errors = _decode(packet, external)
             damage.lost += errors and not frames
@@ -231,6 +246,9 @@ def decoded(container: Any, stream: Any, damage: Damage, wanted: frozenset[int] 
             waiting.difference_update(frame.pts for frame in frames)
             if errors and external:  # It may be about any of the packets whose images are not returned yet.
                 damage.add(waiting)
+            for frame in frames:
+                if frame.is_corrupt:
+                    damage.spread(frame.pts, waiting)
             yield from frames
     except av.error.FFmpegError:
         return

@@ -147,7 +147,7 @@ def _is_damaged(path: Path) -> bool:
     """Whether decoding the whole video reports damage."""
     damage = Damage()
     with opened(path) as (container, stream):
-        return any(frame.is_corrupt or damage.now for frame in decoded(container, stream, damage, None)) or damage.now
+        return any(frame.is_corrupt or damage.now for frame in decoded(container, stream, damage)) or damage.now
 
 
 def _what_is_cut(path: Path, container: Any, stream: Any, found: _Found, broken: bool) -> str:

@@ -78,11 +78,7 @@ class VideoFile:
         """
         self.damage = self._unreadable
         wanted = [int(index if self._by_count else self._stamps[index]) for index in indices]
-        reader: ByCount | ByStamp
-        if self._by_count:
-            reader = ByCount(self.path, self._skipped)
-        else:
-            reader = ByStamp(self.path, self._keys, wanted, self._period)
+        reader = ByCount(self.path, self._skipped) if self._by_count else ByStamp(self.path, self._keys, self._period)
         with closing(reader):
             for index, what in zip(indices, wanted, strict=True):
                 found = reader.frame(what)
@@ -113,7 +109,7 @@ class VideoFile:
             ArtifactError: No frame can be decoded.
         """
         with opened(self.path) as (container, stream):
-            frames = decoded(container, stream, Damage(), None)
+            frames = decoded(container, stream, Damage())
             first: Any = next(frames, None)
             if first is None:
                 raise ArtifactError(f"{self.path}: cannot be decoded: replace the file")

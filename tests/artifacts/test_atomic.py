@@ -5,8 +5,10 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -41,6 +43,21 @@ def test_an_interrupt_that_makes_the_clean_up_fail_is_still_an_interrupt(tmp_pat
     monkeypatch.setattr(shutil, "rmtree", fails)
     with pytest.raises(KeyboardInterrupt), atomic_folder(tmp_path / "set"):
         raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize(("module", "name"), [(tempfile, "mkdtemp"), (shutil, "rmtree")])
+def test_an_interrupt_while_the_temporary_folder_is_made_or_removed_leaves_nothing(tmp_path, monkeypatch, module, name):
+    usual = getattr(module, name)
+
+    def interrupted(*arguments, **options):
+        made = usual(*arguments, **options) if name == "mkdtemp" else None
+        os.kill(os.getpid(), signal.SIGINT)
+        return usual(*arguments, **options) if name == "rmtree" else made
+
+    monkeypatch.setattr(module, name, interrupted)
+    with pytest.raises(KeyboardInterrupt), atomic_path(tmp_path / "x") as temporary:
+        temporary.write_text("whole")
+    assert [path for path in os.listdir(tmp_path) if path != "x"] == []
 
 
 def test_a_folder_never_replaces_anything(tmp_path):

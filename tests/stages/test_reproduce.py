@@ -173,12 +173,12 @@ def begin(tmp_path):
     content = SCRIPT.format(tests=str(Path(__file__).parent), folder=str(tmp_path))
     command = [sys.executable, "-c", content]
 
-    def start(wait: bool = True, interrupts=signal.default_int_handler) -> subprocess.Popen:
+    def start(wait: bool = True, interrupts=signal.default_int_handler, errors=subprocess.DEVNULL) -> subprocess.Popen:
         process = subprocess.Popen(
             command,
             cwd=ROOT,
             stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
+            stderr=errors,
             text=True,
             start_new_session=True,
             preexec_fn=lambda: signal.signal(signal.SIGINT, interrupts),
@@ -200,6 +200,18 @@ def test_an_interrupt_reaches_the_jobs_once_and_says_how_to_go_on(begin, tmp_pat
         assert (tmp_path / "signals").read_text().split() == ["told"]
         (tmp_path / "signals").unlink()
         (tmp_path / "begun").unlink()
+
+
+def test_an_interrupt_while_the_engine_starts_shows_no_traceback(begin, tmp_path):
+    process = begin(wait=False, errors=subprocess.PIPE)
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    while len(children.read_text().split()) < 2:  # the engine, and what watches over it
+        assert process.poll() is None
+        time.sleep(0.01)
+    time.sleep(0.2)
+    process.send_signal(signal.SIGINT)
+    said, errors = process.communicate(timeout=30)
+    assert "Interrupted" in said and "Traceback" not in errors, errors
 
 
 def test_terminated_behind_an_ampersand_it_stops_its_jobs(begin, tmp_path):

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import av
 import numpy as np
 import pytest
 
 from artifacts import ArtifactError
+from stages.footage.decoding import Damage
 from stages.footage.video import VideoFile
+from tests.faults.injections.inputs import DIFFERENT, decoder_complains
 from tests.stages.videos import COUNT, FPS, damage, number_in, remux, write_avi, write_video
 
 SQUARE = (48, 48)
@@ -107,3 +111,49 @@ def test_logging_of_the_libraries_is_left_as_it_was(tmp_path):
     before = av.logging.get_level(), av.logging.get_skip_repeated()
     assert numbers(VideoFile(write_video(tmp_path / "x.mp4", size=SQUARE)))[:2] == [0, 1]
     assert (av.logging.get_level(), av.logging.get_skip_repeated()) == before
+
+
+@pytest.mark.parametrize(("between", "flips"), [("3", 2), ("0", 1)])
+def test_what_a_decoder_conceals_is_told(between, flips, tmp_path):
+    """Bits that change at random in the images: whatever FFmpeg notices when it decodes the whole video is told."""
+    options = {"g": "6", "threads": "1", "bf": between, "b_strategy": "0"}
+    path = write_video(tmp_path / "x.mp4", size=SQUARE, count=12, options=options)
+    with av.open(str(path)) as container:
+        packets = [(packet.pos, packet.size) for packet in container.demux(video=0) if packet.size][1:]
+    raw, indices = path.read_bytes(), np.array([0, 2, 5, 8, 11])
+    truth = [frame.astype(int) for _, frame in VideoFile(path).pictures(indices)]
+    told = 0
+    for seed in range(250):
+        data = bytearray(raw)
+        rng = np.random.default_rng(seed)
+        for begin, size in rng.choice(packets, flips):
+            data[begin + rng.integers(4, size)] ^= 1 << rng.integers(8)
+        path.write_bytes(data)
+        try:
+            video = VideoFile(path)
+            if video.cut or video.notes or len(video.times) != 12:
+                continue
+            pairs = zip(list(video.pictures(indices)), truth, strict=True)
+            worst = max(np.abs(frame - right).mean() for (_, frame), right in pairs if frame.shape == right.shape)
+        except (ArtifactError, ValueError):
+            continue
+        told += bool(video.damage)
+        assert video.damage or worst < DIFFERENT or not decoder_complains(path), seed
+    assert told > 20
+
+
+def test_what_is_predicted_from_a_concealed_image_is_damaged_too():
+    """FFmpeg marks only the concealed image itself."""
+    damage_of, packet = Damage(), SimpleNamespace(is_corrupt=False, is_keyframe=True, pts=0)
+    for stamp, key in ((0, True), (1, False), (2, False)):
+        packet.pts, packet.is_keyframe = stamp, key
+        damage_of.begin(packet)
+        damage_of.end(packet, False)
+    damage_of.spread(1, {2})
+    for stamp, key in ((3, False), (4, True), (5, False)):
+        packet.pts, packet.is_keyframe = stamp, key
+        damage_of.begin(packet)
+        damage_of.end(packet, False)
+    assert [damage_of.reached(stamp) for stamp in range(6)] == [False, False, True, True, False, False]
+    damage_of.spread(3, {4, 5})  # It is returned after the next keyframe was decoded.
+    assert [damage_of.reached(stamp) for stamp in range(6)] == [False, False, True, True, False, False]
