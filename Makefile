@@ -7,7 +7,7 @@ STAMP := .venv/.stamp
 PATH := $(CURDIR)/.venv/bin:$(PATH)
 export PATH
 
-.PHONY: help setup demo test slow faults package mutants check format bench fresh clean
+.PHONY: help setup demo test slow faults fuzz package mutants check format bench fresh clean
 
 help: ## Show the targets.
 	@grep -E '^[a-z]+:.*##' $(firstword $(MAKEFILE_LIST)) | sed -E 's/^([a-z]+):[^#]*## /  make \1	/' | expand -t 15
@@ -39,6 +39,12 @@ slow: setup ## Run the tests that take minutes.
 N ?= 1000
 faults: setup ## Inject N=1000 faults, drawn with SEED=1: damage, kills, hostile files. Run it again to resume.
 	@python -m tests.faults --n $(N) --seed $(SEED) --log runs/faults-$(N)-$(SEED) --out results/faults.md
+
+MINUTES ?= 2
+fuzz: setup ## Coverage-guided fuzzing of what reads files and options, MINUTES=2 of CPU time for each target.
+	@python -c 'import importlib.util, sys; sys.exit(not importlib.util.find_spec("atheris"))' \
+	    || python -m pip install --quiet -e '.[fuzz]' -c constraints.txt
+	@python -m tests.fuzzing --minutes $(MINUTES) --out results/faults.md
 
 SEED ?= 1
 mutants: setup ## Mutation testing with a random sample of code changes (SEED=1); takes an hour.

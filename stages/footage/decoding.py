@@ -45,6 +45,8 @@ class ByStamp:
         self._path, self._keys = path, keys
         self._slack, self._warm_up = HIDDEN * period, WARM_UP * period
         self._open = ExitStack()
+        self._container: Any = None
+        self._stream: Any = None
         self._frames: _Forward
         self._certain = True  # Whether nothing before the current position matters.
         self._go_to(None)

@@ -87,3 +87,10 @@ def test_a_migrated_file_must_fit_the_schema(specimen, monkeypatch):
     monkeypatch.setitem(module.MIGRATIONS, ("specimen", 2), lambda manifest, arrays: None)
     with pytest.raises(ArtifactError, match="dataset weights is missing"):
         read_artifact(OLD)
+
+
+@pytest.mark.parametrize("config", [{"stage": []}, {"stage": {}}, {}, [], None])
+def test_a_checkpoint_of_a_strange_stage_needs_no_step(config):
+    fields = {"kind": "checkpoint", "schema_version": 1, "config": config}
+    module.migrate(fields, module.ArrayView(()))
+    assert fields["config"] == config and fields["schema_version"] == KINDS["checkpoint"].version
