@@ -68,8 +68,8 @@ class Parent(BaseModel):
 
     model_config = ConfigDict(frozen=True)
 
-    kind: Word
-    path: Annotated[str, Field(max_length=4096), AfterValidator(_path)]
+    kind: Annotated[Word, Field(min_length=1)]
+    path: Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(_path)]
     content: Word = ""
     sha256: Word = ""
 

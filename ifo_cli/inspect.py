@@ -6,6 +6,7 @@ import json
 import math
 import sys
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,6 +26,8 @@ EXAMPLES = (
 KEY_FIGURES = ("metrics", "summary")  # groups in the configuration, or of datasets
 CURVE = "curve"  # group of datasets with learning curves, whose last values are shown
 NARROWEST = 100  # minimum width in columns of a table that is not printed to a terminal
+SHOWN_VALUES = 200  # of the configuration
+LONGEST_VALUE = 2000  # characters
 SHOWN_DATASETS = 40
 SHORT = 8  # maximum number of values of a dataset that are all shown
 
@@ -136,17 +139,15 @@ def _as_text(report: dict[str, Any]) -> str:
     origin.insert(3, ("versions", ", ".join(f"{name} {value}" for name, value in versions.items() if value)))
     origin.insert(2, ("size", _size(report["bytes"])))
     table("Artifact", origin)
-    if report["key_figures"]:
-        table("Key figures", [(name, _value(value)) for name, value in report["key_figures"].items()])
-    if report["config"]:
-        table("Configuration", [(name, _value(value)) for name, value in report["config"].items()])
-    rows = [
+    for title, values in (("Key figures", report["key_figures"]), ("Configuration", report["config"])):
+        if values:
+            pairs = [(_value(name), _value(value)) for name, value in islice(values.items(), SHOWN_VALUES)]
+            table(title, [*pairs, *_more(len(values) - len(pairs), ("",))])
+    rows: list[tuple[str, ...]] = [
         (item["name"], "x".join(map(str, item["shape"])) or "single", item["dtype"], _size(item["bytes"]))
         for item in report["datasets"][:SHOWN_DATASETS]
     ]
-    hidden = len(report["datasets"]) - len(rows)
-    if hidden > 0:
-        rows.append((f"... {hidden} more (--json shows all)", "", "", ""))
+    rows += _more(len(report["datasets"]) - len(rows), ("", "", ""))
     if rows:
         table("Datasets", rows, ("name", "shape", "dtype", "size"))
     lineage: list[tuple[str, ...]] = [
@@ -156,6 +157,11 @@ def _as_text(report: dict[str, Any]) -> str:
     table("Lineage", lineage or [("made from no other artifact",)])
     text = console.file.getvalue()  # type: ignore[attr-defined]
     return "\n".join(line.rstrip() for line in str(text).splitlines()).rstrip()
+
+
+def _more(hidden: int, rest: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """Return the last row of a table that leaves rows out."""
+    return [(f"... {hidden} more (--json shows all)", *rest)] if hidden > 0 else []
 
 
 def _width(report: dict[str, Any]) -> int:
@@ -173,12 +179,18 @@ def _ancestor_note(entry: dict[str, Any]) -> str:
 
 
 def _value(value: Any) -> str:
+    """Return a value as text, of limited length."""
+    text = _whole_value(value)
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]} ... (--json shows all)"
+
+
+def _whole_value(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.6g}"
     if isinstance(value, list):
         if len(value) > SHORT and isinstance(value[0], dict):
             return f"{_value(value[:1])}, {len(value) - 1} more (--json shows all)"
-        return ", ".join(map(_value, value)) or "none"
+        return ", ".join(map(_value, value[:LONGEST_VALUE])) or "none"
     return value if isinstance(value, str) else json.dumps(value)
 
 

@@ -67,6 +67,8 @@ def refused(path, *parts):
         ("parents", json.dumps([{"kind": "demos", "path": "a\0b"}]), "NUL"),
         ("parents", json.dumps([{"kind": "demos", "path": "x" * 5000}]), "parents.0.path"),
         ("parents", json.dumps([{"kind": ["demos"], "path": "x"}]), "parents.0.kind"),
+        ("parents", json.dumps([{"kind": "", "path": "x"}]), "parents.0.kind"),
+        ("parents", json.dumps([{"kind": "demos", "path": ""}]), "parents.0.path"),
         ("parents", json.dumps([3]), "parents.0"),
     ],
 )

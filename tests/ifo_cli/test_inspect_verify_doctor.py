@@ -10,6 +10,7 @@ import pytest
 from artifacts import PlatformError, write_checkpoint
 from ifo_cli import doctor
 from stages.simulation import gl
+from tests.artifacts.forging import forge
 
 
 @pytest.fixture
@@ -55,6 +56,14 @@ def test_inspect_json(run_ifo, family):
 def test_inspect_shows_key_figures(run_ifo, make):
     _, out, _ = run_ifo("inspect", make("evaluation"))
     assert "Key figures" in out and "0.25" in out and "0.1, 0.4" in out
+
+
+def test_inspect_shows_only_part_of_a_huge_configuration(run_ifo, make, tmp_path):
+    many = {f"key {number}": number for number in range(3000)}
+    path = forge(make("policy"), tmp_path / "huge.policy.h5", config={"long": "x" * 10**6, "y" * 10**6: 1, **many})
+    code, out, _ = run_ifo("inspect", path)
+    assert code == 0 and "more (--json shows all)" in out and len(out) < 100_000
+    assert len(json.loads(run_ifo("inspect", path, "--json")[1])["config"]) > 3000
 
 
 def test_inspect_of_no_artifact(run_ifo, tmp_path):
