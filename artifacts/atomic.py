@@ -125,7 +125,7 @@ def _lock(path: Path, wait: bool = True) -> int | None:
     Raises:
       BlockingIOError: Its writer is alive, and `wait` is False.
     """
-    descriptor = os.open(path, os.O_RDONLY)
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)  # It may be anything that has such a name, also a pipe.
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except BlockingIOError:

@@ -140,7 +140,9 @@ def _alone(folder: Path) -> Iterator[int]:
     with ExitStack() as stack:
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            file = stack.enter_context(open(folder / LOCK, "ab"))
+            # Without O_NONBLOCK, opening a pipe would wait for its reader.
+            descriptor = os.open(folder / LOCK, os.O_WRONLY | os.O_CREAT | os.O_NONBLOCK, 0o666)
+            file = stack.enter_context(open(descriptor, "ab"))
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise UsageError(f"another `ifo reproduce` is running in {folder}: wait, or choose another --out") from None
@@ -223,7 +225,7 @@ def _failed(left: Sequence[Job], runs: Sequence[Job], folder: Path) -> str:
     reasons = []
     for job in first[:3]:
         log = folder / LOGS / f"{job.name}.log"
-        lines = log.read_text(errors="replace").strip().splitlines() if log.exists() else []
+        lines = log.read_text(errors="replace").strip().splitlines() if log.is_file() else []
         reasons.append(f"{log} ({lines[-1].removeprefix('ifo: ')})" if lines else f"{job.output} (no log)")
     more = f" and {len(first) - 3} more" if len(first) > 3 else ""
     return f"{lost} of {len(runs)} runs are missing; see {', '.join(reasons)}{more}; run the same command to retry"

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from artifacts import Artifact, ancestors, sibling
+from artifacts import Artifact, ancestors, open_regular, sibling
 from stages.reporting.rows import Run
 
 MOST_BYTES = 30 * 10**6  # total size of the videos of a page
@@ -48,7 +48,8 @@ def collect_videos(evaluations: Sequence[Artifact], runs: Sequence[Run]) -> Vide
             if total + size > MOST_BYTES:
                 left_out.append(path)
                 continue
-            data = path.read_bytes()
+            with open_regular(path) as file:
+                data = file.read(MOST_BYTES)
         except OSError:
             missing.append(path)
             continue

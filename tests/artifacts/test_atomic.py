@@ -102,6 +102,12 @@ def test_a_killed_writers_rest_is_removed_by_the_next_and_a_live_ones_is_not(tmp
     assert path.read_bytes() == b"again"
 
 
+def test_a_pipe_that_is_named_like_a_temporary_folder_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / ".x.tmp-pipe")
+    write_bytes(tmp_path / "x", b"whole")
+    assert os.listdir(tmp_path) == ["x"]
+
+
 def test_two_writers_of_one_file_share_nothing(tmp_path, monkeypatch):
     """As in two containers on one volume, where both may have the same process id."""
     monkeypatch.setattr(os, "getpid", lambda: 7)

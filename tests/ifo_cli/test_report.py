@@ -137,6 +137,14 @@ def test_a_pipe_in_the_place_of_a_file_is_not_waited_for(run_ifo, evaluation, tm
     assert (code, out) == (2, "") and "which `ifo report` did not write" in err and err.count("\n") == 1
 
 
+def test_a_pipe_in_the_place_of_a_video_is_not_waited_for(run_ifo, evaluation, tmp_path):
+    path = evaluation()
+    path.with_suffix(".mp4").unlink(missing_ok=True)
+    os.mkfifo(path.with_suffix(".mp4"))
+    code, _, _ = run_ifo("report", path, "--out", tmp_path / "page.html", "--quiet")
+    assert code == 0 and "Missing videos" in (tmp_path / "page.html").read_text()
+
+
 def test_a_place_that_cannot_be_written_is_one_line(run_ifo, evaluation, tmp_path):
     (tmp_path / "loop").symlink_to("loop")
     for folder in ("x" * 300, "loop", "x/" * 3000):

@@ -240,12 +240,14 @@ def is_running(process: int) -> bool:
     return state not in "ZX"
 
 
-@pytest.mark.parametrize("place", ["file/grid", "loop", "x" * 300, "readonly"])
+@pytest.mark.parametrize("place", ["file/grid", "loop", "x" * 300, "readonly", "pipe"])
 def test_a_folder_that_cannot_be_used_is_one_line(place, tmp_path):
     (tmp_path / "file").touch()
     (tmp_path / "loop").symlink_to("loop")
     (tmp_path / "readonly").mkdir()
     (tmp_path / "readonly" / stages.reproduce.LOCK).mkdir()
+    (tmp_path / "pipe").mkdir()
+    os.mkfifo(tmp_path / "pipe" / stages.reproduce.LOCK)
     with pytest.raises(PlatformError, match=r"cannot be used .*choose another --out") as caught:
         reproduce(Grid(("reach",), ("oracle",), 1, "toy"), tmp_path / place, LOCAL, Progress(quiet=True))
     assert "\n" not in str(caught.value)
