@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
-import resource
-import signal
-import sys
 from pathlib import Path
 
 import av
@@ -17,58 +12,9 @@ import pandas
 import pyarrow.parquet
 import pytest
 
-from artifacts import read_artifact, write_artifact
-from ifo_cli.main import main
-from stages import export_demos
-from stages.datasets import hdf5_writing, lerobot_video_writer, lerobot_writing
-from tests.stages.videos import picture
-
-N, T, FPS = 5, 7, 5
-KEY = "observation.images.camera"
-NUMBERS = {"timestamp": "float", "frame_index": "int64", "episode_index": "int64", "index": "int64"}
-NUMBERS |= {"task_index": "int64"}
-LEAST_PSNR = 34  # dB, of pictures with hard edges, at crf 12
-FORMATS = {"lerobot": "x.lerobot", "robomimic": "x.robomimic.hdf5", "minari": "x-v0"}
-
-
-def frames_of(height=48, width=64):
-    """Pictures with some noise, so that loss shows."""
-    rng = np.random.default_rng(0)
-    frames = np.stack([[picture(10 * k + t, height, width) for t in range(T)] for k in range(N)])
-    return (np.clip(frames, 5, 250) + rng.integers(-5, 6, frames.shape)).astype(np.uint8)
-
-
-@pytest.fixture
-def demos(tmp_path):
-    """A function that writes a demos artifact."""
-
-    def write(frames=None, times=True):
-        frames = frames_of() if frames is None else frames
-        arrays = {
-            "frames": frames,
-            "final_distance": np.zeros(len(frames)),
-            "contexts/azimuth": np.arange(len(frames)),
-            **({"times": np.tile(np.arange(frames.shape[1]) / FPS, (len(frames), 1))} if times else {}),
-        }
-        path = tmp_path / "x.demos.h5"
-        return write_artifact(
-            path, "demos", arrays, config={"task": "reach"}, seed=0, command="ifo collect-demos reach"
-        )
-
-    return write
-
-
-@pytest.fixture
-def ifo(capfd):
-    """A function that runs a command with --json: (exit code, what it printed, standard error)."""
-
-    def run(*words):
-        capfd.readouterr()
-        code = main([*map(str, words), "--json"])
-        printed, said = capfd.readouterr()
-        return code, json.loads(printed) if printed else None, said
-
-    return run
+from artifacts import read_artifact
+from stages.datasets import lerobot_video_writer, lerobot_writing
+from tests.stages.export_demos.samples import FORMATS, FPS, KEY, LEAST_PSNR, NUMBERS, N, T, frames_of
 
 
 def back(ifo, path, tmp_path):
@@ -270,136 +216,3 @@ def test_contexts_stay_behind(ifo, demos, name):
     for file in [out, *out.rglob("*")]:
         if file.is_file():
             assert b"azimuth" not in file.read_bytes() and b"final_distance" not in file.read_bytes()
-
-
-@pytest.mark.parametrize("name", FORMATS)
-@pytest.mark.parametrize("error", [KeyboardInterrupt, ZeroDivisionError])
-def test_a_stopped_export_leaves_nothing(ifo, demos, tmp_path, monkeypatch, name, error):
-    path = demos()
-
-    def stop(artifact, *_):
-        yield artifact["frames"][0], artifact["times"][0]
-        raise error
-
-    monkeypatch.setattr("stages.export_demos._videos", stop)
-    words = ["--video"] if name == "lerobot" else []
-    code, printed, _ = ifo("export-demos", path, "--format", name, *words)
-    assert (code, printed) == (130 if error is KeyboardInterrupt else 1, None)
-    assert [file.name for file in tmp_path.iterdir()] == ["x.demos.h5"]
-
-
-@pytest.mark.parametrize("name", ["robomimic", "minari"])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_killed_export_leaves_nothing(ifo, demos, tmp_path, monkeypatch, name, number):
-    path = demos()
-    before = signal.getsignal(number)
-    write = hdf5_writing._write
-
-    def killed(*_):
-        with contextlib.suppress(KeyboardInterrupt):  # as h5py's callbacks do
-            os.kill(os.getpid(), number)
-        monkeypatch.setattr(hdf5_writing, "_write", write)
-
-    monkeypatch.setattr(hdf5_writing, "_write", killed)
-    code, printed, said = ifo("export-demos", path, "--format", name)
-    assert (code, printed, said.splitlines()[-1]) == (130, None, "ifo: interrupted")
-    assert [file.name for file in tmp_path.iterdir()] == ["x.demos.h5"] and signal.getsignal(number) == before
-
-
-@pytest.mark.parametrize("name", FORMATS)
-def test_damaged_demonstrations_leave_nothing(ifo, demos, tmp_path, name):
-    path = demos()
-    data = bytearray(path.read_bytes())
-    at = data.index(read_artifact(path)["frames"][3].tobytes()[:64])
-    data[at] ^= 1
-    path.write_bytes(data)
-    code, printed, said = ifo("export-demos", path, "--format", name)
-    assert (code, printed) == (3, None) and "dataset frames is damaged" in said.splitlines()[-1]
-    assert [file.name for file in tmp_path.iterdir()] == ["x.demos.h5"]
-
-
-@pytest.mark.parametrize("name", FORMATS)
-def test_nothing_is_replaced(ifo, demos, tmp_path, name):
-    path = demos()
-    (tmp_path / FORMATS[name]).mkdir()
-    code, _, said = ifo("export-demos", path, "--format", name)
-    assert (
-        code == 2
-        and said == f"ifo: {tmp_path / FORMATS[name]}: already exists: remove it, or choose another name with --out\n"
-    )
-
-
-@pytest.mark.parametrize("name", FORMATS)
-@pytest.mark.parametrize("kind", ["pipe", "file", "broken link", "link to a folder"])
-def test_nothing_of_any_kind_is_replaced(ifo, demos, tmp_path, name, kind):
-    path, out = demos(), tmp_path / FORMATS[name]
-    (tmp_path / "folder").mkdir()
-    {
-        "pipe": os.mkfifo,
-        "file": Path.touch,
-        "broken link": lambda out: out.symlink_to("nowhere"),
-        "link to a folder": lambda out: out.symlink_to("folder"),
-    }[kind](out)
-    code, _, said = ifo("export-demos", path, "--format", name)
-    assert code == 2 and "already exists" in said and said.count("\n") == 1
-    assert len(list(tmp_path.iterdir())) == 3 and not list((tmp_path / "folder").iterdir())
-
-
-@pytest.mark.parametrize("name", FORMATS)
-def test_names_that_no_file_can_have(ifo, demos, tmp_path, name):
-    out = tmp_path / ("a" * 300 + FORMATS[name])
-    code, _, said = ifo("export-demos", demos(), "--format", name, "--out", out)
-    assert code == 4 and "File name too long" in said.splitlines()[-1]
-
-
-@pytest.fixture
-def files_of_at_most():
-    """A function that limits the size of files, as a full disk does."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-@pytest.mark.parametrize("words", [["lerobot"], ["lerobot", "--video"], ["robomimic"], ["minari"]])
-@pytest.mark.parametrize("size", [1000, 30_000])
-def test_a_full_disk_leaves_nothing(ifo, demos, tmp_path, files_of_at_most, words, size):
-    path = demos()
-    files_of_at_most(size)
-    code, printed, said = ifo("export-demos", path, "--format", *words)
-    assert (code, printed) == (4, None) and "cannot be written" in said.splitlines()[-1] and "File too large" in said
-    assert [file.name for file in tmp_path.iterdir()] == ["x.demos.h5"]
-
-
-@pytest.mark.parametrize("name", FORMATS)
-def test_an_export_grows_in_a_hidden_folder_that_the_next_one_removes(ifo, demos, tmp_path, monkeypatch, name):
-    """What SIGKILL leaves behind does not look finished, and does not stay."""
-    path, seen = demos(), []
-    left = tmp_path / f".{FORMATS[name]}.tmp-killed" / "new"
-    left.mkdir(parents=True)
-    videos = export_demos._videos
-
-    def watched(*words):
-        for video in videos(*words):
-            seen.append({file.name for file in tmp_path.iterdir()})
-            yield video
-
-    monkeypatch.setattr(export_demos, "_videos", watched)
-    assert ifo("export-demos", path, "--format", name)[0] == 0
-    assert all(len(names) == 2 and any(each.startswith(f".{FORMATS[name]}.tmp-") for each in names) for names in seen)
-    assert len(seen) == N and sorted(file.name for file in tmp_path.iterdir()) == sorted(["x.demos.h5", FORMATS[name]])
-
-
-def test_odd_frames_make_no_video_but_pictures(ifo, demos, tmp_path):
-    path = demos(frames_of(49, 63))
-    code, _, said = ifo("export-demos", path, "--format", "lerobot", "--video")
-    assert code == 3 and "omit --video" in said and said.count("\n") == 1
-    assert ifo("export-demos", path, "--format", "lerobot")[0] == 0
-
-
-def test_without_pyarrow_a_line_says_what_to_install(ifo, demos, tmp_path, monkeypatch):
-    path = demos()
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    code, _, said = ifo("export-demos", path, "--format", "lerobot")
-    assert code == 4 and said == "ifo: LeRobot datasets need pyarrow: pip install 'ifo[lerobot]'\n"
-    assert [file.name for file in tmp_path.iterdir()] == ["x.demos.h5"]
-    assert ifo("export-demos", path, "--format", "robomimic")[0] == 0
