@@ -20,10 +20,13 @@ def sha256_of(path: str | Path) -> str:
     """Return the SHA-256 of a file's bytes, in hexadecimal.
 
     Raises:
-      OSError: It cannot be read, or is no regular file: a pipe would never end, or be empty the next time.
+      ArtifactError: It cannot be read, or is no regular file: a pipe would never end, or be empty the next time.
     """
-    with open_regular(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    try:
+        with open_regular(path) as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise ArtifactError(f"{path}: cannot be read ({error.strerror}): check its permissions") from error
 
 
 def check_regular(path: str | Path) -> None:

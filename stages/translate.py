@@ -180,8 +180,8 @@ def _image_digest(config: TranslateConfig) -> dict[str, str]:
         return {}
     try:
         return {"context_image_sha256": sha256_of(config.context_image)}
-    except OSError as error:
-        raise UsageError(f"--context-image {config.context_image}: cannot be read ({error.strerror})") from error
+    except ArtifactError as error:
+        raise UsageError(f"--context-image {error}") from error
 
 
 def _read_context(path: str, size: tuple[int, ...]) -> np.ndarray:
