@@ -5,6 +5,7 @@ env = TranslationReward(gymnasium.make("ifo/Reach-v0", render_mode="rgb_array"),
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any, SupportsFloat
@@ -18,6 +19,7 @@ from artifacts import Artifact, UsageError, read_artifact
 from stages.config.presets import DEFAULT_PRESET, PRESETS, defaults
 from stages.config.stages import RAMPS, REWARD_TERMS, PolicyConfig
 from stages.rewards.frames import time_weights
+from stages.rewards.scene_checks import length_problem, problems_of_first_frame, stretch_problem
 from stages.rewards.tracking import TrackingReward, TrackingTarget
 from stages.runtime.devices import pick_device
 from stages.translation.networks import load_translator
@@ -27,8 +29,13 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
     """Replaces the reward of an environment by the reward for tracking a translated video (Sec. V.A).
 
     Frame j = 1 .. T-1 of the target is compared with the environment's frame after `j * frame_every` steps. At all
-    other steps, the reward is zero. `info` contains the environment's original reward, `env_reward`, and both weighted
-    terms of the reward, `reward_feat` and `reward_img`.
+    other steps, the reward is zero. An episode that terminates earlier is charged at once for the rest of the target,
+    as if the environment had stood still in its last frame: ending early must not pay. `info` contains the
+    environment's original reward, `env_reward`, and both weighted terms of the reward, `reward_feat` and `reward_img`.
+
+    What the reward cannot notice is warned of, once each (`UserWarning`): a first frame that does not resemble the
+    context frame, frames of one color, frames that never change during an episode, frames of another aspect ratio than
+    the translator's, and episodes that are too short for the target.
     """
 
     def __init__(
@@ -84,12 +91,17 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
         self._size = (int(target.images.shape[2]), int(target.images.shape[3]))
         self._frames = len(target.images)
         self._pixels = pixels
+        self._context_frame = source["context_frame"]
+        self._warned: set[str] = set()
         self._checked = False
         self._step = 0
+        self._moved = False
         self._check_shown()
         self._frame_every = _frame_every(source) if frame_every is None else frame_every
         if self._frame_every < 1:
             raise UsageError(f"frame_every={frame_every}: expected at least 1 step between two frames")
+        steps = None if env.spec is None else env.spec.max_episode_steps
+        self._warn(length_problem(steps, self._frames, self._frame_every))
         self._reward = TrackingReward(
             load_translator(source.parent("translator", check=True), device),
             target,
@@ -103,8 +115,11 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
         """Start an episode at frame 0 of the target."""
         observation, info = self.env.reset(seed=seed, options=options)
         self._step = 0
+        self._moved = False
         if not self._checked:  # Check the result of `render` here, the earliest point at which it is available.
-            self._shown(observation)
+            self._first = self._shown(observation)
+            for problem in problems_of_first_frame(self._first, self._context_frame, self._reward.target.images):
+                self._warn(problem)
             self._checked = True
         return observation, info
 
@@ -114,11 +129,35 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
         self._step += 1
         frame, between = divmod(self._step, self._frame_every)
         terms = dict.fromkeys(REWARD_TERMS, 0.0)
-        if not between and frame < self._frames:
-            shown = self._reward(self._shown(observation)[None], frame)
-            terms |= {term: float(values[0]) for term, values in shown.items()}
+        compared = [frame] if not between and frame < self._frames else []
+        if terminated:
+            compared += range(frame + 1, self._frames)
+        if compared:
+            shown = self._shown(observation)
+            self._check_motion(shown, frame)
+            for index in compared:
+                for term, values in self._reward(shown[None], index).items():
+                    terms[term] += float(values[0])
+        if truncated and not terminated:
+            self._warn(length_problem(self._step, self._frames, self._frame_every))
         info = {**info, "env_reward": env_reward, **{f"reward_{term}": value for term, value in terms.items()}}
         return observation, sum(terms.values()), terminated, truncated, info
+
+    def _check_motion(self, shown: np.ndarray, frame: int) -> None:
+        """Warn if all frames up to the end of the target equal the first one of the first episode."""
+        self._moved |= not np.array_equal(shown, self._first)
+        if not self._moved and frame >= self._frames - 1:
+            self._warn(
+                "the environment's frames do not change during an episode: check that it renders (`ifo doctor` checks "
+                "OpenGL), and that the camera shows what moves"
+            )
+
+    def _warn(self, problem: str) -> None:
+        """Warn of a problem unless it is empty, or its kind was warned of before."""
+        kind = problem.partition(":")[2]
+        if problem and kind not in self._warned:
+            self._warned.add(kind)
+            warnings.warn(f"TranslationReward: {problem}", stacklevel=3)
 
     def _shown(self, observation: Any) -> np.ndarray:
         """Current frame of the environment (H, W, 3), uint8, at the size of the translator's frames."""
@@ -126,6 +165,7 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
         if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
             raise UsageError("TranslationReward: the environment returns no RGB image, expected uint8 of (H, W, 3)")
         self._check_size(image.shape)
+        self._warn(stretch_problem(image.shape, self._size))
         if image.shape[:2] == self._size:
             return np.ascontiguousarray(image)  # `render` may return a flipped view.
         return cv2.resize(image, self._size[::-1], interpolation=cv2.INTER_AREA)

@@ -168,7 +168,8 @@ def test_larger_frames_are_reduced_by_areas(squares, pixels):
             return np.random.default_rng(0).integers(0, 255, (40, 52, 3), dtype=np.uint8)
 
     noise = TranslationReward(Noise(), squares, 1, without=("feat",), blur=0.0, image_weight=1.0)
-    reward = episode(noise, 0.0, 1)[-1][1]
+    with pytest.warns(UserWarning, match=r"52x40 pixels are squeezed to 16x16|differs from the context frame"):
+        reward = episode(noise, 0.0, 1)[-1][1]
     reduced = cv2.resize(Noise().render(), (SIZE, SIZE), interpolation=cv2.INTER_AREA)
     error = TrackingTarget.of(read_artifact(squares), 0.0).image_error(to_images(torch.from_numpy(reduced[None])), 1)
     assert reward == pytest.approx(-float(error), rel=1e-5)
