@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,6 +12,7 @@ from typing import Any
 
 from artifacts.errors import IfoError
 
+AGAIN = 0.05  # seconds after which an interrupt that was dropped comes again
 _came: list[int] = []  # signals since `killable` began
 
 
@@ -25,12 +28,36 @@ def killable() -> Iterator[None]:
         for number, handler in before.items():
             if handler == usual[number]:
                 signal.signal(number, _interrupt)
-        yield
+        with _repeated_interrupts():
+            yield
     finally:
         for number, handler in before.items():
             if handler == usual[number]:
                 signal.signal(number, handler)
                 _came.clear()
+
+
+@contextmanager
+def _repeated_interrupts() -> Iterator[None]:
+    """Let an interrupt come again if it came in a destructor or callback, where Python prints and drops exceptions."""
+    usual, timers = sys.unraisablehook, list[threading.Timer]()
+
+    def hook(unraisable: Any) -> None:
+        if not (_came and isinstance(unraisable.exc_value, KeyboardInterrupt)):
+            usual(unraisable)
+            return
+        timers.append(threading.Timer(AGAIN, os.kill, (os.getpid(), _came[-1])))
+        timers[-1].daemon = True
+        timers[-1].start()
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = usual
+        for timer in timers:
+            timer.cancel()
+            timer.join()
 
 
 def _interrupt(number: int, _: Any) -> None:

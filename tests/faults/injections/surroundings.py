@@ -11,6 +11,7 @@ import sys
 import time
 from pathlib import Path
 
+from artifacts import read_artifact
 from tests.faults.case import Case, Verdict, kind
 from tests.faults.originals import STAGES, content_of
 from tests.faults.server import command, complaint, mount_tmpfs, start, unmount
@@ -130,10 +131,16 @@ def permission_taken(case: Case) -> Verdict:
     outcome = child.wait(LIMIT)
     target.chmod(0o755)
     problem = complaint(outcome, (0, 4))
-    written = case.folder / out
-    if not problem and outcome.code == 0 and content_of(written) != case.originals.content[name]:
+    if not problem and outcome.code == 0 and not same(case.folder / out, case.originals.folder / stage.out):
         problem = "silent: the output differs"
     return Verdict(name, f"permission to write taken away after {after:.2f} s", problem)
+
+
+def same(written: Path, original: Path) -> bool:
+    """Return whether two outputs hold the same data, whatever the names of the inputs."""
+    if written.name.startswith("i.demos"):  # import-demos records the names of videos.
+        return read_artifact(written).manifest.datasets == read_artifact(original).manifest.datasets
+    return content_of(written) == content_of(original)
 
 
 @kind("two writers of one output", 8)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import ctypes
 import os
 import signal
+import sys
+import time
 
 import pytest
 
@@ -35,6 +37,30 @@ def test_an_interrupt_that_a_library_turned_into_another_error_is_an_interrupt_a
         function(1)
     with pytest.raises(KeyboardInterrupt), killable(), undisguised_interrupts():
         function(1)
+
+
+class Dying:
+    """Ctrl-C arrives in its destructor, as it may in those of any library."""
+
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_an_interrupt_in_a_destructor_is_not_lost_and_shows_no_traceback(capfd):
+    hook = sys.unraisablehook
+    with pytest.raises(KeyboardInterrupt), killable():
+        Dying()
+        reached = time.monotonic()
+        while time.monotonic() < reached + 10:
+            pass
+    assert time.monotonic() < reached + 5 and sys.unraisablehook is hook
+    assert capfd.readouterr().err == ""
+
+
+def test_an_interrupt_that_comes_too_late_to_come_again_does_nothing():
+    with killable():
+        Dying()
+    time.sleep(0.2)
 
 
 @pytest.mark.parametrize("error", [ValueError("no signal came"), ArtifactError("x.h5: is damaged")])
