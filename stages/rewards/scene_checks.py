@@ -11,7 +11,7 @@ from stages.rewards.tracking import gaussian, motion
 from stages.translation.networks import to_images
 
 BLUR = 1 / 24  # of a frame's longer side: what moves within it does not count as another scene
-MOST_UNLIKE = 1.0  # times the motion of the target; in Reach, the same context has less than .1, others 14 to 240
+MOST_UNLIKE = 1.0  # times the motion of the target; see "Faults, hostile files and footage" in results/LOG.md
 MOST_STRETCHED = 1.05  # ratio of aspect ratios
 
 

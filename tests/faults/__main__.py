@@ -16,6 +16,7 @@ import tempfile
 import time
 import traceback
 from collections import Counter
+from contextlib import suppress
 from dataclasses import asdict
 from importlib import import_module
 from pathlib import Path
@@ -57,11 +58,13 @@ def inject(number: int, name: str, seed: int, originals: Originals, work: Path) 
             shutil.rmtree(path, ignore_errors=True)
 
 
-def work_through(part: int, kinds: list[str], options: argparse.Namespace, work: Path, log: Path) -> None:
-    """Make every `options.jobs`-th injection that `log` lacks, and append one JSON line to it for each."""
+def work_through(
+    part: int, kinds: list[str], options: argparse.Namespace, work: Path, log: Path, before: set[int]
+) -> None:
+    """Make every `options.jobs`-th injection that was not made before, and append one JSON line to `log` for each."""
     originals = Originals.found(work / "originals")
     started = time.monotonic()
-    done = {line["case"] for line in lines_of(log)}
+    done = before | {line["case"] for line in lines_of(log)}
     with log.open("a") as file:
         for number, name in enumerate(kinds):
             if number % options.jobs != part or (options.case is not None and number != options.case):
@@ -79,14 +82,16 @@ def work_through(part: int, kinds: list[str], options: argparse.Namespace, work:
                 print(f"case {number}, {name}, {verdict.stage}: {verdict.what}: {problem}", file=sys.stderr, flush=True)
 
 
-def start_part(part: int, kinds: list[str], options: argparse.Namespace, work: Path, log: Path) -> int:
+def start_part(
+    part: int, kinds: list[str], options: argparse.Namespace, work: Path, log: Path, before: set[int]
+) -> int:
     """Fork a process that runs `work_through`, and return its number."""
     pid = os.fork()
     if pid:
         return pid
     code = 1
     try:
-        work_through(part, kinds, options, work, log)
+        work_through(part, kinds, options, work, log, before)
         code = 0
     except BaseException:
         traceback.print_exc()
@@ -94,9 +99,9 @@ def start_part(part: int, kinds: list[str], options: argparse.Namespace, work: P
         os._exit(code)
 
 
-def blame(part: int, kinds: list[str], jobs: int, log: Path, problem: str) -> None:
-    """Record as failed the first injection of a part that its log lacks."""
-    done = {line["case"] for line in lines_of(log)}
+def blame(part: int, kinds: list[str], jobs: int, log: Path, before: set[int], problem: str) -> None:
+    """Record as failed the first injection of a part that was not made before and that its log lacks."""
+    done = before | {line["case"] for line in lines_of(log)}
     case = next(number for number in range(part, len(kinds), jobs) if number not in done)
     print(f"case {case}, {kinds[case]}: {problem}", file=sys.stderr, flush=True)
     line = {"case": case, "kind": kinds[case], "stage": "harness", "what": "", "problem": problem, "seconds": 0.0}
@@ -180,23 +185,30 @@ def main() -> int:
         chosen = tuple(options.stages.split(",")) if options.stages else (*STAGES, GRID)
         Originals.made(work / "originals", chosen, options.keep or (options.log and folder / "originals"))
         logs = [folder / f"log-{part}" for part in range(options.jobs)]
-        parts = {start_part(part, kinds, options, work, log): part for part, log in enumerate(logs)}
+        # Of an earlier run, which may have had another number of jobs.
+        before = {line["case"] for log in folder.glob("log-*") for line in lines_of(log)}
+        parts = {start_part(part, kinds, options, work, log, before): part for part, log in enumerate(logs)}
         while parts:
             pid, status = os.wait()
             part = parts.pop(pid, None)
             if part is not None and status:
                 # The injection that was under way has ended the harness itself: it counts as failed, the others go on.
                 ended = os.waitstatus_to_exitcode(status)
-                blame(part, kinds, options.jobs, logs[part], f"the injection itself ended the harness ({ended})")
-                parts[start_part(part, kinds, options, work, logs[part])] = part
-        lines = sorted((line for log in logs for line in lines_of(log)), key=lambda line: line["case"])
+                problem = f"the injection itself ended the harness ({ended})"
+                blame(part, kinds, options.jobs, logs[part], before, problem)
+                parts[start_part(part, kinds, options, work, logs[part], before)] = part
+        lines = sorted((line for log in folder.glob("log-*") for line in lines_of(log)), key=lambda line: line["case"])
         text = section(lines, options.n, options.seed, sum(line["seconds"] for line in lines))
         if options.out:
             write_section(options.out, "Injections", text)
         else:
             print(text)
         if options.log and len(lines) == len(kinds):
-            shutil.rmtree(folder)
+            for log in folder.glob("log-*"):
+                log.unlink()
+            shutil.rmtree(folder / "originals", ignore_errors=True)
+            with suppress(OSError):  # Something else is in it.
+                folder.rmdir()
     return 1 if any(line["problem"] for line in lines) else 0
 
 

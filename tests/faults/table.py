@@ -34,5 +34,5 @@ def found() -> list[dict[str, str]]:
 def found_text() -> str:
     """Return the list of faults as Markdown."""
     rows = [f"| {one['fault']} | `{one['test'].removeprefix('tests/')}` |" for one in found()]
-    head = "What fault injection, fuzzing and hostile files brought to light. Each fault is mended, and has a test."
+    head = "What fault injection, fuzzing and hostile files brought to light. Each fault is fixed, and has a test."
     return "\n".join([head, "", "| Fault | Test, in tests/ |", "|---|---|", *rows])

@@ -129,5 +129,5 @@ def test_every_kind_is_in_a_small_sample():
 def test_an_injection_that_ends_the_harness_counts_as_failed(tmp_path):
     log = tmp_path / "log-1"
     log.write_text('{"case": 1, "problem": ""}\n{"case": 3, "pro')
-    blame(1, ["a"] * 4, 2, log, "ended")
-    assert [(line["case"], bool(line["problem"])) for line in lines_of(log)] == [(1, False), (3, True)]
+    blame(1, ["a"] * 6, 2, log, {3}, "ended")
+    assert [(line["case"], bool(line["problem"])) for line in lines_of(log)] == [(1, False), (5, True)]

@@ -47,7 +47,7 @@ def target(title: str, /, **arguments: st.SearchStrategy[Any]) -> Callable[[Func
     """Register a function as a target whose arguments are drawn from these strategies."""
 
     def register(function: Function) -> Function:
-        checks = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.function_scoped_fixture]
+        checks = [HealthCheck.too_slow, HealthCheck.data_too_large]
         limits = settings(
             max_examples=EXAMPLES,
             deadline=None,

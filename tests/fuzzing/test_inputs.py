@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 from hypothesis import assume
@@ -62,9 +63,6 @@ class Times:
 
     def __init__(self, times: np.ndarray, last: float, cut: str) -> None:
         self.times, self.duration, self.cut = times, float(times[-1] + last) if len(times) else 0.0, cut
-
-    def pictures(self, indices: np.ndarray) -> Any:
-        raise NotImplementedError
 
 
 @target(
@@ -182,8 +180,8 @@ option_words = st.tuples(st.sampled_from(OPTIONS), st.one_of(texts, numbers.map(
 def test_options(stage: str, options: list[tuple[str, str]], task: str) -> None:
     words = [word for name, value in options for word in (f"--{name.replace('_', '-')}", value)]
     tasks = [task] if task and stage in ("train-expert", "collect-demos") else []
-    os.environ["IFO_TASKS"] = ""
-    code, printed, _ = run_ifo(stage, *tasks, *words, "--show-config")
+    with mock.patch.dict(os.environ, {"IFO_TASKS": ""}):
+        code, printed, _ = run_ifo(stage, *tasks, *words, "--show-config")
     if code == 0 and not {"--help", "--version"} & set(words):
         path = place("options") / "shown.toml"
         path.write_text(printed, errors="surrogateescape")

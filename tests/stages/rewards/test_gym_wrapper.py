@@ -28,6 +28,7 @@ from stages.translation.networks import load_translator, make_translator, to_ima
 
 ROOT = Path(__file__).parents[3]
 SIZE = 16  # of the squares' frames
+pytestmark = pytest.mark.filterwarnings("ignore:TranslationReward. the environment's frames do not change")
 
 
 def write(folder, frames, task=None, contexts=None, name="x"):

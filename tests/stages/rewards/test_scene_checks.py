@@ -106,6 +106,7 @@ def test_a_limit_that_the_environment_declares_is_told_before_the_first_episode(
         TranslationReward(gymnasium.make("test/Short-v0"), squares, 2)
 
 
+@pytest.mark.filterwarnings("ignore:TranslationReward. the environment's frames do not change")
 @pytest.mark.parametrize("steps", [1, 3, 4, 9, 10, 11])
 def test_ending_early_does_not_pay(squares, steps):
     """It costs as much as standing still in the last frame until the end of the target."""
