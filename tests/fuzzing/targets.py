@@ -19,7 +19,7 @@ from artifacts import IfoError
 from ifo_cli.main import main
 from stages.runtime.terminal import one_line
 
-EXAMPLES = 60  # of a target in `make test`
+EXAMPLES = 25  # of a target in `make test`
 TARGETS: dict[str, Callable[..., None]] = {}
 Function = TypeVar("Function", bound=Callable[..., None])
 
