@@ -6,6 +6,11 @@ from artifacts.errors import PlatformError, UsageError
 from stages.config.common import check_device
 
 MAX_WORKERS_A_CORE = 4
+# The functions that torch computes by MKL's vector library.
+MKL_FUNCTIONS = (
+    *("acos", "asin", "atan", "cos", "erf", "erfc", "erfinv", "exp", "expm1", "log", "log10", "log1p", "log2"),
+    *("sin", "sqrt", "tan", "tanh", "trunc"),
+)
 
 
 def pick_device(device: str) -> str:
@@ -43,8 +48,24 @@ def pick_workers(workers: int) -> int:
 
 
 def use_threads(workers: int) -> int:
-    """Let torch use `workers` threads, and return `workers`."""
+    """Let torch use `workers` threads, and return `workers`. Results do not vary from process to process."""
     import torch
 
+    _choose_kernels()
     torch.set_num_threads(workers)
     return workers
+
+
+def _choose_kernels() -> None:
+    """Call each function of MKL's vector library once, on one thread.
+
+    MKL chooses the kernel of a function when it is first called. In MKL before 2025, which torch contains, a second
+    thread that calls it at the same time may be given a kernel of low accuracy (errors up to 3e-4) for that call
+    (pytorch/pytorch#188792; results/LOG.md, "Two runs that differed").
+    """
+    import torch
+
+    for dtype in (torch.float32, torch.float64):
+        one = torch.full((1,), 0.5, dtype=dtype)
+        for name in MKL_FUNCTIONS:
+            getattr(torch, name)(one)
