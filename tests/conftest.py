@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 
 import pytest
 
@@ -28,6 +29,14 @@ def pytest_collection_modifyitems(items):
     if on_gpu and not _torch_sees_gpu():
         for item in on_gpu:
             item.add_marker(pytest.mark.skip(reason="torch sees no GPU here"))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup():
+    # A stage that ran in this process leaves torch with a thread per core. Where each core has a test process, small
+    # operations on several threads take up to 80 times as long as on one.
+    if torch := sys.modules.get("torch"):
+        torch.set_num_threads(1)
 
 
 def _torch_sees_gpu() -> bool:
