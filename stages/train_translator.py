@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from artifacts import ArtifactError, default_path, read_artifact, stem_of
+from artifacts import ArtifactError, UsageError, default_path, read_artifact, stem_of
 from stages.config.presets import defaults
 from stages.config.stages import TranslatorConfig
 from stages.runtime.checkpoints import Checkpoints
@@ -33,19 +33,28 @@ METRICS = (
 )
 
 
-def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> StageResult:
+def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path, base: Path | None = None) -> StageResult:
     """Train on all but the held-out demonstrations and write the `translator` artifact.
 
     The contexts, which a demos artifact stores for audits, are never read.
 
+    Args:
+        config: Training configuration.
+        run: Options of the run.
+        demos: The demonstrations.
+        base: A translator whose weights are fine-tuned (None: newly initialized weights). Its frames may have another
+            size.
+
     Raises:
-        ArtifactError: There are too few demonstrations.
+        ArtifactError: There are too few demonstrations, or `base` is not a translator.
+        UsageError: `config.arch` is not the architecture of `base`.
     """
     import torch
 
     from stages.runtime.devices import use_threads
     from stages.simulation.registry import known_defaults
     from stages.translation.alignment import require_tslearn, video_index
+    from stages.translation.bases import architecture, base_weights, described_base
     from stages.translation.evaluation import evaluate_translator
     from stages.translation.training import FEWEST, TranslatorTraining, held_out_count, train
 
@@ -53,14 +62,19 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
     if config.align == "dtw":
         require_tslearn()
     source = read_artifact(demos, "demos")
+    started = None if base is None else read_artifact(base, "translator")
+    parents = [source] if started is None else [source, started]
+    if started is not None and config.arch != architecture(started):
+        raise UsageError(f"--arch {config.arch}: {base} has architecture {architecture(started)}")
     device = run.processes.device or pick_device(run.device)
     workers = pick_workers(run.workers)
     use_threads(workers if run.workers else max(workers // run.processes.here, 1))
     task = str(source.config.get("task") or "")
     usual = defaults(run.preset, "train-translator", task, own=known_defaults(task))
     tags = name_tags(config, usual, run, source.manifest.seed, source.config.get("preset", run.preset))
+    tags += "" if started is None else f"-from-{stem_of(started.path)}"
     out = run.out or default_path(source.path.parent, stem_of(source.path) + tags, "translator")
-    output = Output.of(out, "translator", "train-translator", config, run, [source])
+    output = Output.of(out, "translator", "train-translator", config, run, parents)
     if kept := output.kept():
         run.processes.finish()
         return kept
@@ -69,9 +83,12 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
     if len(frames) < FEWEST:
         more = "import more videos" if source.config.get("stage") == "import-demos" else "collect more with -n"
         raise ArtifactError(f"{demos} contains {len(frames)} demonstrations, expected at least {FEWEST}: {more}")
-    training = TranslatorTraining(config, frames[:-held_out], run.seed, device, run.processes)
+    weights = None if started is None else base_weights(started, (frames.shape[2], frames.shape[3]))
+    training = TranslatorTraining(config, frames[:-held_out], run.seed, device, run.processes, weights)
     described = full_config("train-translator", config, run, task=source.config.get("task"))
     described |= {"demonstrations": len(frames), "held_out_demonstrations": held_out, "size": list(frames.shape[2:4])}
+    if started is not None:
+        described["base"] = described_base(started)
 
     def evaluate(model: Translator, limit: int = SHOWN_HELD_OUT) -> dict[str, float]:
         """Held-out metrics. If videos are aligned, they are computed on time-aligned videos."""
@@ -81,7 +98,7 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
             videos = videos[torch.arange(len(videos))[:, None], index]
         return evaluate_translator(model, videos, device)
 
-    checkpoints = Checkpoints(run, out, "train-translator", described, [source])
+    checkpoints = Checkpoints(run, out, "train-translator", described, parents)
     curve = train(training, evaluate, run, out, checkpoints)
     if not run.processes.main:
         run.processes.finish()
@@ -92,6 +109,8 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
         f"held out: {metrics['psnr']:.2f} dB PSNR (copying the context: {metrics['copy_psnr']:.2f}), "
         f"SSIM {metrics['ssim']:.3f} ({metrics['copy_ssim']:.3f}), feature ratio {metrics['feature_ratio']:.2f}"
     )
+    if advice := _advice(metrics, config, len(frames), fine_tuned=started is not None):
+        run.progress.say(advice)
     result = output.write(
         {
             **{f"weights/{k}": v.detach().cpu().numpy() for k, v in training.average.state_dict().items()},
@@ -100,9 +119,33 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path) -> 
         },
         config=described,
         summary=metrics,
-        parents=[source],
+        parents=parents,
         environment=environment(device) | ({"processes": str(run.processes.count)} if run.processes.count > 1 else {}),
     )
     checkpoints.remove()
     run.processes.finish()
     return result
+
+
+def _advice(metrics: dict[str, float], config: TranslatorConfig, demonstrations: int, *, fine_tuned: bool) -> str:
+    """Return one line about features that lead nowhere, with what may help; empty if tracking them leads to the goal.
+
+    Args:
+        metrics: Final held-out metrics.
+        config: Training configuration.
+        demonstrations: Number of demonstrations.
+        fine_tuned: Whether training started from another translator.
+    """
+    if metrics["feature_ratio"] < 1.0:
+        return ""
+    ways = [f"more than {config.steps} steps (--steps)", f"more than {demonstrations} demonstrations"]
+    if not config.augment:
+        ways.append("--augment")
+    if not fine_tuned:
+        ways.append("--from with a translator that learned from more videos")
+    ways.append("demonstrations from a narrower range of viewpoints")
+    return (
+        f"a policy will probably not learn from this translator: its feature ratio is "
+        f"{metrics['feature_ratio']:.2f}, and at 1 or more, tracking the features is no better than standing still. "
+        f"What may help: {', '.join(ways[:-1])}, or {ways[-1]}"
+    )

@@ -14,6 +14,7 @@ from stages.config.common import (
     LookOptions,
     ReportOptions,
     ReproduceOptions,
+    TrainOptions,
 )
 from stages.config.demonstrations import ExportConfig, ImportConfig
 from stages.config.fields import Config, one_of, option
@@ -104,7 +105,7 @@ COMMANDS: dict[str, Command] = {
     "collect-demos": Command(STAGES["collect-demos"], CollectOptions, ("expert", *_STAGE)),
     "import-demos": Command(ImportConfig, ImportOptions, ("preview", "preset", "overwrite", *_OUTPUT)),
     "export-demos": Command(ExportConfig, ExportOptions, _OUTPUT),
-    "train-translator": Command(STAGES["train-translator"], CommonOptions, (*_STAGE, "device", "resume")),
+    "train-translator": Command(STAGES["train-translator"], TrainOptions, ("base", *_STAGE, "device", "resume")),
     "translate": Command(STAGES["translate"], CommonOptions, (*_STAGE, "device")),
     "learn-policy": Command(STAGES["learn-policy"], CommonOptions, (*_STAGE, "device", "resume")),
     "evaluate": Command(STAGES["evaluate"], CommonOptions, _STAGE),

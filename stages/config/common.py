@@ -58,6 +58,19 @@ class CollectOptions(CommonOptions):
 
 
 @dataclass(frozen=True)
+class TrainOptions(CommonOptions):
+    """Shared options of train-translator."""
+
+    base: Path | None = option(
+        None,
+        "Fine-tune this translator instead of new weights. It may have learned from other tasks and other frame sizes; "
+        "--arch is that of the file.",
+        metavar="PATH",
+        names=("--from",),
+    )
+
+
+@dataclass(frozen=True)
 class ImportOptions(CommonOptions):
     """Shared options of import-demos."""
 

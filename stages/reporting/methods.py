@@ -42,6 +42,7 @@ def describe_method(policy: Artifact) -> tuple[dict[str, Any], str]:
         described["translator"] = {
             **{name: translator.config.get(name) for name in TRANSLATOR},
             "minutes": float(translator["curve/seconds"].sum() / 60) if "curve/seconds" in translator else None,
+            **({"base": translator.config["base"]} if "base" in translator.config else {}),
         }
         demos = translator.parent("demos", check=True)
         described["own_context"] = demos.config.get("context_seed", -1) >= 0

@@ -108,10 +108,15 @@ class PaperTranslator(Translator):
         he_initialise(self)
 
     @classmethod
+    def coarse_grid(cls, size: tuple[int, int]) -> tuple[int, int, int]:
+        """Channels, height and width of the last convolution's activations for frames of a height and width."""
+        return cls.CHANNELS[-1], *strided(size, cls.STRIDES)[-1]
+
+    @classmethod
     def head_shape(cls, size: tuple[int, int]) -> tuple[int, int]:
         """Shape of the weights of Dec's fully connected layer for frames of a height and width."""
-        height, width = strided(size, cls.STRIDES)[-1]
-        return cls.CHANNELS[-1] * height * width, cls.FEATURES
+        channels, height, width = cls.coarse_grid(size)
+        return channels * height * width, cls.FEATURES
 
     def encode(self, images: Tensor) -> Tensor:
         return self.enc1_head(self.enc1(images)[-1].flatten(1))
@@ -212,9 +217,15 @@ class CompactTranslator(Translator):
             cast(Tensor, self.dec_fine.bias)[0] = 2.0
 
     @classmethod
+    def coarse_grid(cls, size: tuple[int, int]) -> tuple[int, int, int]:
+        """Channels, height and width of the last convolution's activations for frames of a height and width."""
+        return 128, (size[0] // 4 + 1) // 2, (size[1] // 4 + 1) // 2
+
+    @classmethod
     def head_shape(cls, size: tuple[int, int]) -> tuple[int, int]:
         """Shape of the weights of Dec's fully connected layer for frames of a height and width."""
-        return 128 * ((size[0] // 4 + 1) // 2) * ((size[1] // 4 + 1) // 2), 2 * 256
+        channels, height, width = cls.coarse_grid(size)
+        return channels * height * width, 2 * 256
 
     def _activations(self, images: Tensor) -> list[Tensor]:
         fine = F.leaky_relu(self.fine(images), LEAK)

@@ -42,9 +42,15 @@ class TranslatorTraining:
     """State of a training run: networks, optimizer and step. Batches depend only on the seed and the step."""
 
     def __init__(
-        self, config: TranslatorConfig, frames: Tensor, seed: int, device: str, processes: Processes | None = None
+        self,
+        config: TranslatorConfig,
+        frames: Tensor,
+        seed: int,
+        device: str,
+        processes: Processes | None = None,
+        weights: dict[str, Tensor] | None = None,
     ):
-        """Start from newly initialized weights.
+        """Start from newly initialized weights, or from those of another translator.
 
         Args:
             config: Training configuration.
@@ -52,6 +58,7 @@ class TranslatorTraining:
             seed: Seed of the run.
             device: Torch device.
             processes: Processes that share the groups of each step (None: only this process).
+            weights: Weights to start from, for `config.arch` and this frame size (None: newly initialized).
 
         Raises:
             UsageError: The number of groups is not a multiple of the number of processes.
@@ -66,6 +73,8 @@ class TranslatorTraining:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(integer(seed, "translator"))
             self.model: Translator = make_translator(config.arch, (frames.shape[2], frames.shape[3])).to(device)
+        if weights is not None:
+            self.model.load_state_dict(weights)
         self._drops = any(isinstance(layer, DropoutLinear) and layer.dropout for layer in self.model.modules())
         self.average = copy.deepcopy(self.model) if config.ema else self.model
         self.optimiser = torch.optim.AdamW(
