@@ -89,15 +89,25 @@ def _locked_folder(path: Path) -> Iterator[Path]:
 
     It is a kernel lock: it works across containers that share the volume, and is released when the process ends.
     """
-    folder, lock = None, None
+    held: list[tuple[Path, int | None]] = []
     try:
         with deferred_interrupts():
-            folder, lock = _new_locked_folder(path)
-        yield folder
+            held.append(_new_locked_folder(path))
+        yield held[0][0]
     finally:
-        with deferred_interrupts():  # An interrupt in the middle would leave the folder behind.
-            if folder is not None:
-                shutil.rmtree(folder, ignore_errors=True)
+        try:
+            _release(held)
+        except KeyboardInterrupt:
+            _release(held)  # The interrupt may have come before it was deferred.
+            raise
+
+
+def _release(held: list[tuple[Path, int | None]]) -> None:
+    """Remove the folders and release their locks, once. An interrupt in the middle would leave a folder behind."""
+    with deferred_interrupts():
+        while held:
+            folder, lock = held.pop()
+            shutil.rmtree(folder, ignore_errors=True)
             if lock is not None:
                 os.close(lock)
 

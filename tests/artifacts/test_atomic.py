@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from artifacts import PlatformError, atomic_folder, atomic_path
+from artifacts import PlatformError, atomic, atomic_folder, atomic_path
 from artifacts.atomic import write_bytes
 
 ROOT = Path(__file__).parents[2]
@@ -58,6 +58,25 @@ def test_an_interrupt_while_the_temporary_folder_is_made_or_removed_leaves_nothi
     with pytest.raises(KeyboardInterrupt), atomic_path(tmp_path / "x") as temporary:
         temporary.write_text("whole")
     assert [path for path in os.listdir(tmp_path) if path != "x"] == []
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_an_interrupt_just_before_the_clean_up_leaves_nothing(tmp_path, monkeypatch, fails):
+    usual, calls = atomic.deferred_interrupts, []
+
+    def interrupted():
+        calls.append(len(os.listdir(tmp_path)))
+        if len(calls) == 2:  # The first one makes the folder.
+            raise KeyboardInterrupt
+        return usual()
+
+    monkeypatch.setattr(atomic, "deferred_interrupts", interrupted)
+    with pytest.raises(KeyboardInterrupt), atomic_path(tmp_path / "x") as temporary:
+        temporary.write_text("whole")
+        if fails:
+            raise ValueError
+    assert os.listdir(tmp_path) == ([] if fails else ["x"])
+    assert calls[0] == 0 and len(calls) == 3
 
 
 def test_a_folder_never_replaces_anything(tmp_path):
