@@ -14,11 +14,14 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+
+from tests.fuzzing.memory import GIVEN, IN_MEMORY, PREFIX
 
 MODULES = ("test_artifacts", "test_inputs", "test_datasets")
 MOST_SECONDS = 10  # of one input
@@ -87,8 +90,10 @@ def in_process(name: str, minutes: float) -> Found:
     folder = folder_of(name)
     folder.mkdir(parents=True, exist_ok=True)
     words = [sys.executable, "-m", "tests.fuzzing", "--only", name, "--minutes", str(minutes), "--here"]
-    with open(folder / "log", "wb") as log:
-        child = subprocess.Popen(words, stdout=log, stderr=log, stdin=subprocess.DEVNULL)
+    # The process ends without its clean-up, or is ended by libFuzzer.
+    with open(folder / "log", "wb") as log, tempfile.TemporaryDirectory(prefix=PREFIX, dir=IN_MEMORY) as place:
+        environment = {**os.environ, GIVEN: place}
+        child = subprocess.Popen(words, stdout=log, stderr=log, stdin=subprocess.DEVNULL, env=environment)
         _, status, usage = os.wait4(child.pid, 0)
     code = os.waitstatus_to_exitcode(status)
     said = (folder / "log").read_text(errors="replace")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import os
 import shutil
 import tempfile
 from functools import cache
@@ -14,18 +15,23 @@ import numpy as np
 
 from artifacts import hdf5, read_artifact
 from artifacts.schema import DIGEST, attributes_digest
+from tests.fuzzing.memory import GIVEN, IN_MEMORY, PREFIX
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 OLD = sorted((FIXTURES / "v1").glob("*.h5"))
-MEMORY = Path("/dev/shm")
 MOST_DIGESTED = 1 << 20  # bytes; more than a hostile shape is worth
 
 
 @cache
 def place(name: str = "") -> Path:
-    """Return a folder of this process that is removed at its end, on a file system in memory where there is one."""
+    """Return a folder of this process that is removed at its end, on a file system in memory where there is one.
+
+    A process that may end without its clean-up is given the folder by the one that started it.
+    """
     if not name:
-        folder = Path(tempfile.mkdtemp(prefix="ifo-fuzz-", dir=MEMORY if MEMORY.is_dir() else None))
+        if given := os.environ.get(GIVEN):
+            return Path(given)
+        folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=IN_MEMORY))
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
         return folder
     folder = place() / name
