@@ -82,7 +82,7 @@ class TranslatorTraining:
             lr=config.learning_rate,
             betas=(0.9, 0.99) if config.schedule == "cosine" else (0.9, 0.999),
             weight_decay=config.weight_decay,
-            fused=device.startswith("cuda") or None,
+            fused=True,
         )
         self._weights = LossWeights(
             trans=float("trans" not in config.without),
