@@ -73,6 +73,12 @@ STAGES = {
         ("x.demos.h5",),
         checkpoints=True,
     ),
+    "train-translator --from": Stage(
+        ("train-translator", "x.demos.h5", "--from", "x.translator.h5", "--steps", 4, "--checkpoint-every", 2, *TINY),
+        "from.translator.h5",
+        ("x.demos.h5", "x.translator.h5"),
+        checkpoints=True,
+    ),
     "translate": Stage(
         ("translate", "x.translator.h5", *TINY),
         "x.translation.h5",
