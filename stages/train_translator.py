@@ -103,6 +103,7 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path, bas
     if not run.processes.main:
         run.processes.finish()
         return StageResult(out, {})
+    described["kept_step"] = training.best.step or training.step
     measured = evaluate(training.average, held_out)
     metrics = {name: measured[name] for name in METRICS}
     run.progress.say(

@@ -13,6 +13,7 @@ ARCHITECTURES = ("compact", "paper", "real")
 LOSSES = ("trans", "rec", "align")
 ALIGNMENTS = ("none", "dtw")
 SCHEDULES = ("cosine", "constant")
+KEPT_WEIGHTS = ("best", "last")
 REWARDS = ("translation", "oracle", "video", "pretrained", "gail", "tpil", "joints")
 IMAGE_REWARDS = ("translation", "video")  # have the terms R_feat and R_img, for a tracked video
 ADVERSARIAL_REWARDS = ("gail", "tpil")

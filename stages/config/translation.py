@@ -9,7 +9,7 @@ from typing import ClassVar
 from artifacts.errors import UsageError
 from stages.config.contexts import check_contexts
 from stages.config.fields import Config, Not, option
-from stages.config.names import ALIGNMENTS, ARCHITECTURES, CONTEXTS, LOSSES, SCHEDULES, SPLITS
+from stages.config.names import ALIGNMENTS, ARCHITECTURES, CONTEXTS, KEPT_WEIGHTS, LOSSES, SCHEDULES, SPLITS
 
 TRAINS = Not("steps", 0)
 RECONSTRUCTS = (TRAINS, Not("without", "rec"))
@@ -81,6 +81,14 @@ class TranslatorConfig(Config):
     )
     ema: float = option(
         0.999, "Decay of the moving average of the weights (0: no average).", low=0, high=1, effect=(TRAINS,), off=0.0
+    )
+    keep: str = option(
+        "best",
+        "Weights to keep: of the evaluation at which held-out translations have the lowest squared error (best), or of "
+        "the last step (last). They differ with few videos.",
+        KEPT_WEIGHTS,
+        effect=(TRAINS, Not("without", "trans")),
+        off="last",
     )
     held_out: int = option(256, "Number of demonstrations held out for the metrics (at most a fifth of all).", low=2)
     evaluate_every: int = option(500, "Steps between evaluations on held-out demonstrations.", low=1, effect=(TRAINS,))

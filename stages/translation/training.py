@@ -25,6 +25,7 @@ from stages.runtime.tensorboard import TensorBoard
 from stages.runtime.trees import check_optimiser, from_tree, to_tree
 from stages.translation.alignment import video_index
 from stages.translation.augmentation import augmented
+from stages.translation.best import BestWeights
 from stages.translation.layers import DropoutLinear
 from stages.translation.losses import LossWeights, translation_losses
 from stages.translation.networks import Translator, make_translator, to_images
@@ -77,6 +78,7 @@ class TranslatorTraining:
             self.model.load_state_dict(weights)
         self._drops = any(isinstance(layer, DropoutLinear) and layer.dropout for layer in self.model.modules())
         self.average = copy.deepcopy(self.model) if config.ema else self.model
+        self.best = BestWeights()
         self.optimiser = torch.optim.AdamW(
             self.model.parameters(),
             lr=config.learning_rate,
@@ -220,6 +222,7 @@ class TranslatorTraining:
             "model": to_tree(self.model.state_dict()),
             "average": to_tree(self.average.state_dict()),
             "optimiser": to_tree(self.optimiser.state_dict()),
+            "best": self.best.state(),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -230,6 +233,7 @@ class TranslatorTraining:
         self.average.load_state_dict(from_tree(state["average"]))
         self.optimiser.load_state_dict(from_tree(state["optimiser"]))
         check_optimiser(self.optimiser)
+        self.best.restore(state.get("best", {}), self.average)
 
     def _checked_index(self, index: np.ndarray) -> np.ndarray:
         count, length = self._frames.shape[:2]
@@ -266,6 +270,8 @@ def train(
         out: Path of the output artifact.
         checkpoints: Checkpoints of the run.
 
+    Afterwards, `training.average` has the weights that `config.keep` asks for.
+
     Returns:
         The curve, with one value per evaluation: `step`, `seconds` since the previous evaluation (including this
         evaluation), the training losses and each held-out metric.
@@ -297,6 +303,8 @@ def train(
                 "use a lower learning rate"
             )
         held.update({f"held_out/{name}": value for name, value in evaluate(training.average).items()})
+        if config.keep == "best" and "trans" not in config.without:  # Otherwise images are not learned.
+            training.best.see(training.step, held["held_out/trans"], training.average)
         times = {"step": float(training.step), "seconds": spent()}
         before, since = 0.0, time.monotonic()
         row = {**times, **{f"train/{name}": float(value) for name, value in losses.items()}, **held}
@@ -329,6 +337,9 @@ def train(
     except KeyboardInterrupt as error:
         raise checkpoints.interrupted(f"{training.step} of {config.steps} steps") from error
     run.progress.say(f"translator: {training.step - first} steps in {time.monotonic() - start:.0f} s")
+    if 0 < training.best.step < training.step:
+        run.progress.say(f"kept the weights of step {training.best.step}: held-out errors rose after it")
+    training.best.load(training.average)
     return curve
 
 

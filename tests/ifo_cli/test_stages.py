@@ -30,7 +30,7 @@ def test_prints_one_line_and_inherits(run_ifo, calls, make, stage, kind, piped):
     code, out, err = run_ifo(*words, stdin=f"  {path} \n" if piped else "")
     assert (code, out.count("\n")) == (0, 1) and out.strip().endswith("result.h5")
     assert "a library that prints" in err
-    [(called, (config, run, given))] = calls
+    [(called, (config, run, given, *_))] = calls
     assert called == stage
     assert config == PRESETS["toy"][stage]
     assert (run.preset, run.seed) == ("toy", 7)

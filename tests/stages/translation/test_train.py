@@ -32,7 +32,17 @@ class Recorded(Checkpoints):
 def loop(tmp_path):
     """A function that trains: (training, curve, steps evaluated at, steps checkpointed at)."""
 
-    def run(name="x", config=CONFIG, stop=None, resume=True, seed=3, change=None, progress=None, evaluation=None):
+    def run(
+        name="x",
+        config=CONFIG,
+        stop=None,
+        resume=True,
+        seed=3,
+        change=None,
+        progress=None,
+        evaluation=None,
+        errors=None,
+    ):
         training = TranslatorTraining(config, FRAMES, seed, "cpu")
         if change is not None:
             change(training)
@@ -50,7 +60,8 @@ def loop(tmp_path):
             evaluated.append(training.step)
             if evaluation is not None:
                 evaluation()
-            return {"psnr": 10.0 + training.step, "copy_psnr": 9.0, "ssim": 0.5, "feature_ratio": 0.7}
+            trans = (errors or {}).get(training.step, 20.0 - training.step)
+            return {"psnr": 10.0 + training.step, "copy_psnr": 9.0, "ssim": 0.5, "feature_ratio": 0.7, "trans": trans}
 
         try:
             curve = train(training, evaluate, options, out, checkpoints)
@@ -66,7 +77,7 @@ def test_evaluates_regularly_and_at_the_end_and_keeps_checkpoints_on_the_way(loo
     assert training.step == 10
     assert evaluated == [4, 8, 10]
     assert kept == [3, 6, 9]
-    losses, metrics = ("trans", "rec", "align"), ("psnr", "copy_psnr", "ssim", "feature_ratio")
+    losses, metrics = ("trans", "rec", "align"), ("psnr", "copy_psnr", "ssim", "feature_ratio", "trans")
     assert set(curve) == {"step", "seconds", *(f"train/{n}" for n in losses), *(f"held_out/{n}" for n in metrics)}
     assert curve["step"] == [4.0, 8.0, 10.0]
     assert curve["held_out/psnr"] == [14.0, 18.0, 20.0]
@@ -145,3 +156,43 @@ def test_says_how_long_it_took_and_how_far_it_is(loop, capsys):
     loop("parts", stop=8)
     loop("parts", progress=Progress())
     assert "translator: 4 steps in" in capsys.readouterr().err
+
+
+def weights(training):
+    return torch.cat([value.flatten() for value in training.average.state_dict().values()])
+
+
+def test_the_best_weights_are_kept_also_over_an_interruption(loop):
+    at_four, *_ = loop("four", config=dataclasses.replace(CONFIG, keep="last"), stop=8)  # Evaluated last at step 4.
+    before = TranslatorTraining(CONFIG, FRAMES, 3, "cpu")
+    for _ in range(4):
+        before.train_step()
+    rising = {4: 1.0, 8: 2.0, 10: float("nan")}
+    training, curve, _, _ = loop("whole", errors=rising)
+    assert training.best.step == 4 and torch.equal(weights(training), weights(before))
+    assert curve["held_out/trans"][:2] == [1.0, 2.0]
+    loop("parts", errors=rising, stop=8)
+    resumed, _, evaluated, _ = loop("parts", errors=rising)
+    assert evaluated == [8, 10] and torch.equal(weights(resumed), weights(before))
+    assert at_four.step == 8
+
+
+@pytest.mark.parametrize("change", [{"keep": "last"}, {"without": ("trans",)}])
+def test_the_last_weights_are_kept_if_asked_for_or_if_images_are_not_learned(loop, change):
+    config = dataclasses.replace(CONFIG, **change)
+    training, *_ = loop(config=config, errors={4: 1.0, 8: 2.0, 10: 3.0})
+    last = TranslatorTraining(config, FRAMES, 3, "cpu")
+    for _ in range(10):
+        last.train_step()
+    assert training.best.step == 0 and torch.equal(weights(training), weights(last))
+
+
+@pytest.mark.parametrize("wrong", [{"weights": {}}, {"weights": 3}, {"step": "x"}, {"error": None}])
+def test_best_weights_that_do_not_fit_are_refused(loop, wrong):
+    training, *_ = loop(errors={4: 1.0})
+    state = training.best.state()
+    other = TranslatorTraining(CONFIG, FRAMES, 4, "cpu")
+    with pytest.raises((KeyError, RuntimeError, TypeError, ValueError)):
+        other.best.restore({**state, **wrong}, other.average)
+    other.best.restore(state, other.average)
+    assert other.best.error == 1.0
