@@ -163,7 +163,6 @@ def weights(training):
 
 
 def test_the_best_weights_are_kept_also_over_an_interruption(loop):
-    at_four, *_ = loop("four", config=dataclasses.replace(CONFIG, keep="last"), stop=8)  # Evaluated last at step 4.
     before = TranslatorTraining(CONFIG, FRAMES, 3, "cpu")
     for _ in range(4):
         before.train_step()
@@ -174,7 +173,6 @@ def test_the_best_weights_are_kept_also_over_an_interruption(loop):
     loop("parts", errors=rising, stop=8)
     resumed, _, evaluated, _ = loop("parts", errors=rising)
     assert evaluated == [8, 10] and torch.equal(weights(resumed), weights(before))
-    assert at_four.step == 8
 
 
 @pytest.mark.parametrize("change", [{"keep": "last"}, {"without": ("trans",)}])
