@@ -82,8 +82,10 @@ class Processes:
         met = self._meet(0, step)
         self._training = True
         if any(code for code, _ in met):
+            self._leave()
             raise OtherFailed
         if len({at for _, at in met}) > 1:
+            self._leave()
             unlike = UsageError("--resume: the processes see different checkpoints; put --out on a shared disk")
             raise _said_by_main(unlike, self.main)
 
@@ -95,7 +97,9 @@ class Processes:
             return False
         if self._training:
             return self.main or not isinstance(error, Interrupted)  # A keyboard interrupt reaches all processes.
-        return next(index for index, (code, _) in enumerate(self._meet(1, 0)) if code) == self.index
+        first = next(index for index, (code, _) in enumerate(self._meet(1, 0)) if code)
+        self._leave()
+        return first == self.index
 
     def mean(self, values: Tensor) -> Tensor:
         """Return the mean of `values` over all processes, bit for bit the same in each process."""
@@ -104,10 +108,14 @@ class Processes:
     def finish(self) -> None:
         """Wait for all processes, then leave the process group."""
         if self.count > 1:
-            from accelerate import PartialState
-
             self._meet(0, 0)
-            PartialState().destroy_process_group()
+            self._leave()
+
+    def _leave(self) -> None:
+        """Leave the process group, which ends its threads."""
+        from accelerate import PartialState
+
+        PartialState().destroy_process_group()
 
     def _meet(self, code: int, step: int) -> list[list[int]]:
         """Return `code` and `step` of every process, in the order of their indices."""
@@ -151,6 +159,9 @@ def join(stage: str, device: str, shared: bool) -> Processes:
         on_cpu = _check(stage, device, shared, count, here)
     except IfoError as error:
         raise _said_by_main(error, is_main()) from error
+    # Default arguments of this module are the process group that exists when it is first imported. Imported later, it
+    # would keep the group and its threads until the interpreter ends, where they may end the process with SIGABRT.
+    import torch.distributed.nn.functional  # noqa: F401
     from accelerate import PartialState
 
     state = PartialState(cpu=on_cpu)

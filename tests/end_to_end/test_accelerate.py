@@ -42,6 +42,17 @@ from ifo_cli.main import main
 sys.exit(main())
 """
 
+# `ifo`, then the names of the threads that are left.
+THREADS = """
+import os, sys
+from pathlib import Path
+from ifo_cli.main import main
+code = main()
+left = sorted((task / "comm").read_text().strip() for task in Path("/proc/self/task").iterdir())
+print(f"threads of rank {os.environ['RANK']}:", *left, file=sys.stderr)
+sys.exit(code)
+"""
+
 
 @pytest.fixture(scope="module")
 def demos(tmp_path_factory):
@@ -170,6 +181,17 @@ def test_what_both_find_wrong_is_said_once(tmp_path, demos, words, expected):
     assert done.returncode != 0 and done.stdout == ""
     assert said(done) == [expected]
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize("words", [[], ["--groups", "3"]], ids=["trained", "not ready"])
+def test_no_thread_is_left_that_could_abort_the_process_as_it_ends(tmp_path, demos, words):
+    script = tmp_path / "threads.py"
+    script.write_text(THREADS)
+    done = train(tmp_path, demos, *words, "--out", tmp_path / "x.translator.h5", program=[str(script)])
+    left = [line for line in done.stderr.splitlines() if line.startswith("threads of rank")]
+    assert len(left) == 2, done.stderr
+    assert "gloo" not in "".join(left)
 
 
 @pytest.mark.parametrize(
