@@ -81,14 +81,14 @@ def main() -> None:
     env = batch_env(workers)
     try:
         reward: Any = env.reward
-        task, pool, model = env.task, reward._pool, reward._reward.model
+        task, pool, model = env.task, env._camera.pool, reward._reward.model
         images = torch.rand(EPISODES, 3, *task.frame_size) * 2 - 1
-        qpos = np.tile(task.context_state(env._contexts)[0][:, None], (1, 1, 1))
+        qpos = np.tile(task.context_state(env.moment.contexts)[0][:, None], (1, 1, 1))
         a = torch.rand(GEMM, GEMM)
         gemm = 2 * GEMM**3 / best(lambda: a @ a) / 1e9
         with torch.no_grad():
             encoding = encoder_flops(model, images) / best(lambda: model.encode(images)) / 1e9
-        drawing = EPISODES / best(lambda: pool.render(reward._fields, np.swapaxes(qpos, 0, 1)))
+        drawing = EPISODES / best(lambda: pool.render(env._camera._fields, np.swapaxes(qpos, 0, 1)))
         learner = make_learner(config, env, SEED)
         iterate(learner, EPISODES * task.control_steps)  # The first also pays for what is made once.
         clock = Clock()

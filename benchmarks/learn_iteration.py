@@ -15,7 +15,6 @@ import json
 import os
 import statistics
 import time
-from types import SimpleNamespace
 from typing import Any
 
 import gymnasium
@@ -95,24 +94,29 @@ def parts():
 
 def batch_env(workers: int):
     """What learn-policy uses."""
-    from stages.learners.environment import EpisodeEnv
+    from stages.environments.simulated import Camera, SimulatedEnvironment
+    from stages.environments.timing import Timing
     from stages.rewards.translation import BatchTranslationReward
     from stages.simulation.contexts import repeat
     from stages.simulation.render import RenderPool
 
     task, context, model, target = parts()
-    pool = RenderPool.of(task, workers)
-    reward = BatchTranslationReward(task, context, model, target, pool)
-    return EpisodeEnv(task, EPISODES, SEED, lambda rng, n: repeat(context, n), reward, nthread=workers)
+    camera = Camera(task, context, RenderPool.of(task, workers))
+    reward = BatchTranslationReward(Timing.regular(task.control_steps, task.frame_every), model, target)
+    return SimulatedEnvironment(
+        task, EPISODES, SEED, lambda rng, n: repeat(context, n), reward, nthread=workers, camera=camera
+    )
 
 
 def process_env(workers: int):
     """The baseline: a process an environment."""
     from stable_baselines3.common.vec_env import SubprocVecEnv
 
+    from stages.environments.timing import Timing
+
     env = SubprocVecEnv([lambda k=k: TrackingEnv(k) for k in range(workers)], start_method="spawn")
-    # `make_learner` asks the task how many steps of each environment make an iteration.
-    env.task = SimpleNamespace(control_steps=EPISODES * 50 // workers)
+    # `make_learner` asks the environment how many steps of each process make an iteration.
+    env.timing, env.rounds = Timing.regular(50, 2), EPISODES // workers
     return env
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,8 @@ from artifacts import (
     write_mp4,
 )
 from stages.config.presets import defaults
-from stages.config.stages import PolicyConfig
-from stages.rewards.factory import make_reward
+from stages.config.stages import NETWORK_REWARDS, PolicyConfig
+from stages.rewards.factory import Simulated, make_reward
 from stages.runtime.checkpoints import Checkpoints
 from stages.runtime.devices import pick_device, pick_workers
 from stages.runtime.outputs import Output, name_tags
@@ -37,7 +38,7 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     Raises:
         ArtifactError: The translation has no simulated context.
     """
-    from stages.learners.environment import EpisodeEnv
+    from stages.environments.simulated import Camera, SimulatedEnvironment
     from stages.learners.loop import curve_arrays, learn
     from stages.learners.policy import Policy, policy_video, policy_weights
     from stages.runtime.devices import use_threads
@@ -61,9 +62,20 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     output = Output.of(out, "policy", "learn-policy", config, run, [source], code_digest(task) | weights)
     if kept := output.kept():
         return kept
-    reward = make_reward(config, task, source, contexts, workers, run.seed, device)
-    try:
-        env = EpisodeEnv(task, config.episodes, run.seed, lambda rng, n: repeat(contexts, n), reward, nthread=workers)
+    with ExitStack() as opened:
+        camera = None
+        if config.reward in NETWORK_REWARDS:
+            camera = opened.enter_context(closing(Camera(task, contexts, RenderPool.of(task, workers))))
+        reward = make_reward(config, source, Simulated(task, contexts, camera), run.seed, device)
+        env = SimulatedEnvironment(
+            task,
+            config.episodes,
+            run.seed,
+            lambda rng, n: repeat(contexts, n),
+            reward,
+            nthread=workers,
+            camera=camera,
+        )
         described = full_config("learn-policy", config, run, task=task.name)
         described |= {"observation_size": env.observation_size, "action_size": task.action_size}
         described |= {"context_seed": source.config["context_seed"], "contexts": source.config["contexts"]}
@@ -71,8 +83,6 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
         described |= {"translation_metrics": _finite(source.group("metrics"))}
         checkpoints = Checkpoints(run, out, "learn-policy", described, [source])
         model, curve = learn(env, config, run, out, "learn-policy", checkpoints)
-    finally:
-        reward.close()
     final = curve["normalised_distance"][-1]
     with RenderPool.of(task, 1) as pool:
         video = policy_video(task, Policy.of(model), contexts, pool)

@@ -30,7 +30,7 @@ def train_expert(task_name: str, config: ExpertConfig, run: RunOptions) -> Stage
     The test draws fresh contexts and measures the normalized final distance and the consistency of the expert: the
     standard deviation of its final joint angles over episodes in one context with different initial noise.
     """
-    from stages.learners.environment import EpisodeEnv
+    from stages.environments.simulated import SimulatedEnvironment
     from stages.learners.loop import curve_arrays, learn
     from stages.learners.policy import Policy, policy_weights
     from stages.rewards.state import ExpertReward
@@ -52,7 +52,7 @@ def train_expert(task_name: str, config: ExpertConfig, run: RunOptions) -> Stage
     if kept := output.kept():
         return kept
     contexts = distribution(config.contexts, config.vary)
-    env = EpisodeEnv(
+    env = SimulatedEnvironment(
         task,
         config.episodes,
         run.seed,

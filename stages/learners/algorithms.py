@@ -13,19 +13,19 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
 
 from stages.config.stages import LearnerConfig
-from stages.learners.environment import EpisodeEnv
+from stages.environments.protocol import Environment
 from stages.learners.gps.learner import GuidedPolicySearch
 
 Learner = BaseAlgorithm | GuidedPolicySearch
 SAC_ROLLOUT = 50  # maximum number of control steps between SAC updates
 
 
-def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int) -> Learner:
+def make_learner(config: LearnerConfig, env: Environment, seed: int) -> Learner:
     """Make a seeded learner for `env` that logs nothing itself; the caller logs."""
     if config.learner == "gps":
         return GuidedPolicySearch(config, env, seed)
-    steps = env.task.control_steps
-    samples = steps * env.num_envs
+    steps = env.timing.control_steps
+    samples = steps * env.rounds * env.num_envs
     batch = next(k for k in range(max(samples // 10, 2), samples + 1) if samples % k == 0)
     layers = {"net_arch": [config.hidden, config.hidden]}
     model: BaseAlgorithm
@@ -33,7 +33,7 @@ def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int) -> Learner:
         model = TRPO(
             "MlpPolicy",
             env,
-            n_steps=steps,
+            n_steps=steps * env.rounds,
             batch_size=batch,
             learning_rate=config.critic_rate,
             gamma=config.discount,
@@ -49,7 +49,7 @@ def make_learner(config: LearnerConfig, env: EpisodeEnv, seed: int) -> Learner:
         model = PPO(
             "MlpPolicy",
             env,
-            n_steps=steps,
+            n_steps=steps * env.rounds,
             batch_size=batch,
             learning_rate=0.1 * config.critic_rate,
             gamma=config.discount,
@@ -95,7 +95,7 @@ def learner_state(model: Learner) -> dict[str, Any]:
         "numpy": list(np.random.get_state(legacy=True)),  # SB3 shuffles minibatches with NumPy's global generator.
         "samples": int(model.num_timesteps),
         "updates": int(getattr(model, "_n_updates", 0)),
-        "episode": model.env.episode if isinstance(model.env, EpisodeEnv) else 0,
+        "episode": model.env.episode if isinstance(model.env, Environment) else 0,
     }
     if isinstance(model, SAC) and (buffer := model.replay_buffer) is not None:
         names = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
@@ -126,7 +126,7 @@ def restore_learner(model: Learner, state: dict[str, Any]) -> None:
         position, full = state["replay_position"]
         buffer.pos, buffer.full = range(buffer.buffer_size)[position], bool(full)
     env = model.env
-    assert isinstance(env, EpisodeEnv)
+    assert isinstance(env, Environment)
     env.episode = int(state["episode"]) - 1  # The current episode was drawn before the state was saved; draw it again.
     model._last_obs = env.reset()
     model._last_episode_starts = np.ones(env.num_envs, bool)

@@ -10,8 +10,8 @@ import numpy as np
 
 from artifacts import UsageError, sibling
 from stages.config.stages import LearnerConfig
+from stages.environments.protocol import Environment
 from stages.learners.algorithms import Learner, learner_state, make_learner, restore_learner
-from stages.learners.environment import EpisodeEnv
 from stages.learners.gps.learner import GuidedPolicySearch
 from stages.learners.policy import policy_weights
 from stages.runtime.checkpoints import Checkpoints, curve_of
@@ -21,11 +21,12 @@ from stages.runtime.seeding import integer
 from stages.runtime.tensorboard import TensorBoard
 
 Curve = dict[str, list[float]]
+SHOWN = {"normalised_distance": "distance"}  # shorter names of figures, for the progress bar
 FLAT = 0.01  # smallest gain that counts as an improvement, as a share of the range of returns
 
 
 def learn(
-    env: EpisodeEnv,
+    env: Environment,
     config: LearnerConfig,
     run: RunOptions,
     out: Path,
@@ -39,7 +40,8 @@ def learn(
 
     Returns:
         The learner and its curve. The curve has one value per iteration of `iteration`, `samples`, `seconds`, each
-        term of the reward, `normalised_distance` (mean over the iteration's episodes), `success` and `action_std`.
+        term of the reward, each figure of the environment (means over the iteration's episodes; in simulation
+        `normalised_distance` and `success`), and `action_std`.
 
     Raises:
         UsageError: The checkpoint was written with another configuration or seed, or learning diverged.
@@ -54,8 +56,7 @@ def learn(
             restore_learner(model, state["learner"])
             env.reward.restore(state["reward"])
             curve, done = curve_of(state["curve"]), range(config.iterations)[state["done"]]
-    samples = env.num_envs * env.task.control_steps
-    threshold = env.task.success_threshold
+    samples = env.num_envs * env.rounds * env.timing.control_steps
     try:
         with (
             undisguised_interrupts(),
@@ -68,20 +69,21 @@ def learn(
                 _learn_once(model, samples, done)
                 done += 1
                 env.reward.iterate()
-                distances = env.pop_distances()
+                figures = env.pop_figures()
                 row = {
                     "iteration": float(done),
                     "samples": float(model.num_timesteps),
                     "seconds": time.monotonic() - start,
                     **env.reward.terms(),
-                    "normalised_distance": float(distances.mean()),
-                    "success": float((distances < threshold).mean()),
+                    **figures,
                     "action_std": action_std(model),
                 }
                 for name, value in row.items():
                     curve.setdefault(name, []).append(value)
                 board.write(done, row)
-                bar.update(done, distance=row["normalised_distance"], returns=row["return"])
+                bar.update(
+                    done, **{SHOWN.get(name, name): value for name, value in figures.items()}, returns=row["return"]
+                )
                 if done % config.checkpoint_every == 0 and done < config.iterations:
                     checkpoints.save(
                         {"learner": learner_state(model), "reward": env.reward.state(), "curve": curve, "done": done}

@@ -6,15 +6,14 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from stages.simulation.contexts import Contexts
-from stages.simulation.task import State
+from stages.environments.protocol import Moment
 
 
 class Reward(Protocol):
-    """A reward for n simulations that run in lockstep."""
+    """A reward for n environments that run in lockstep."""
 
-    def __call__(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
-        """Reward (n,) of the actions (n, nu) that led to `state`, the state after `step` control steps (1, 2, ...)."""
+    def __call__(self, moment: Moment, action: np.ndarray) -> np.ndarray:
+        """Reward (n,) of the actions (n, nu) that led to `moment`, after 1, 2, ... control steps."""
         ...
 
     def terms(self) -> dict[str, float]:
@@ -56,9 +55,9 @@ class TrackingReward(Reward, Protocol):
     finer: TrackingReward | None
     frame_period: int | None
 
-    def tracked(self, step: int, state: State, contexts: Contexts) -> np.ndarray:
-        """Tracked values z_t (n, m) of `state`, the state after `step` control steps.
+    def tracked(self, moment: Moment) -> np.ndarray:
+        """Tracked values z_t (n, m) of `moment`.
 
-        For steps after 0, the reward must have been called with the same state before.
+        For steps after 0, the reward must have been called with the same moment before.
         """
         ...

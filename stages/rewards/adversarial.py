@@ -19,13 +19,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from stages.environments.timing import Timing
 from stages.rewards.discriminators import GailDiscriminator, TpilDiscriminator, expert_loss, frozen
 from stages.rewards.frames import FrameReward
 from stages.runtime.seeding import generator, integer
 from stages.runtime.trees import check_optimiser, from_tree, to_tree
-from stages.simulation.contexts import Contexts
-from stages.simulation.render import RenderPool
-from stages.simulation.task import Task
 from stages.translation.networks import to_images
 
 BATCH = 64  # pairs of frames per source and step
@@ -48,7 +46,7 @@ class Schedule:
 
 
 class AdversarialReward(FrameReward):
-    """Reward of n simulations: the logit log D - log(1 - D) that a pair of frames is the expert's, in [-5, 5].
+    """Reward of n environments: the logit log D - log(1 - D) that a pair of frames is the expert's, in [-5, 5].
 
     The discriminator is trained between iterations of the learner. During an iteration, its weights are fixed.
     """
@@ -57,20 +55,18 @@ class AdversarialReward(FrameReward):
 
     def __init__(
         self,
-        task: Task,
-        context: Contexts,
-        pool: RenderPool,
+        timing: Timing,
         experts: np.ndarray,
         schedule: Schedule,
         seed: int,
         device: str = "cpu",
     ):
-        """Discriminate frames rendered in `context` from the videos `experts` (N, T, H, W, 3), uint8."""
-        super().__init__(task, context, pool)
+        """Discriminate the frames of episodes with this `timing` from the videos `experts` (N, T, H, W, 3), uint8."""
+        super().__init__(timing)
         self._experts, self._schedule, self._seed, self._device = experts, schedule, seed, device
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(integer(seed, "discriminator"))
-            self._model = self.make(task.frame_size).to(device)
+            self._model = self.make((experts.shape[2], experts.shape[3])).to(device)
         self._judging = frozen(self._model)
         self._optimiser = torch.optim.Adam(self._model.parameters(), lr=schedule.rate, betas=(0.5, 0.99))
         self._running: dict[int, np.ndarray] = {}
@@ -110,7 +106,7 @@ class AdversarialReward(FrameReward):
     def iterate(self) -> None:
         """End an iteration of the learner: remember its frames, then train the discriminator."""
         first = next(iter(self._running.values()))
-        seen = np.stack([self._running.get(frame, first) for frame in range(self._task.frames)], axis=1)
+        seen = np.stack([self._running.get(frame, first) for frame in range(self._timing.frames)], axis=1)
         self._memory = [*self._memory, seen][-REMEMBERED:]
         self._running = {}
         rng = generator(self._seed, "discriminator-batches", self._iteration)

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from artifacts import Artifact, ArtifactError
 from stages.config.stages import PolicyConfig
+from stages.environments.timing import Timing
 from stages.runtime.seeding import generator
 from stages.simulation.contexts import Contexts, repeat
 from stages.simulation.task import Task
 
 if TYPE_CHECKING:
+    from stages.environments.simulated import Camera
+    from stages.rewards.adversarial import Schedule
     from stages.rewards.tracking import TrackingTarget
     from stages.simulation.render import RenderPool
     from stages.translation.networks import Translator
@@ -25,17 +28,33 @@ COMPONENTS = 100  # maximum number of principal components, as in the paper (Sec
 UNSKILLED = 256  # number of videos of random actions for TPIL
 
 
-def make_reward(
-    config: PolicyConfig, task: Task, source: Artifact, contexts: Contexts, workers: int, seed: int, device: str
-) -> Any:
-    """Make the reward selected by `config` in the learner's `contexts` (leading axis 1).
+@dataclass(frozen=True)
+class Simulated:
+    """The simulated task that a learner lives in, for the rewards that are defined by its simulator.
+
+    Attributes:
+        task: The task.
+        contexts: The learner's context (leading axis 1).
+        camera: Renders frames; None: the reward sees none.
+    """
+
+    task: Task
+    contexts: Contexts
+    camera: Camera | None = None
+
+    @property
+    def timing(self) -> Timing:
+        """When episodes of the task show frames."""
+        return Timing.regular(self.task.control_steps, self.task.frame_every)
+
+
+def make_reward(config: PolicyConfig, source: Artifact, simulated: Simulated, seed: int, device: str) -> Any:
+    """Make the reward selected by `config`.
 
     Args:
         config: Configuration of learn-policy.
-        task: The learner's task.
         source: The translation.
-        contexts: The learner's context.
-        workers: Number of render processes.
+        simulated: The learner's task and context.
         seed: Seed of the run.
         device: Torch device.
 
@@ -46,21 +65,38 @@ def make_reward(
     """
     from stages.rewards.joints import JointsReward
     from stages.rewards.state import GoalReward, OracleReward
-    from stages.simulation.render import RenderPool
 
+    task, timing = simulated.task, simulated.timing
     ramp = task.ramp if config.ramp == "task" else config.ramp
     if config.reward == "oracle" and config.learner == "gps":
-        return GoalReward(task, contexts)
+        return GoalReward(task, simulated.contexts)
     if config.reward == "oracle":
         return OracleReward(task)
     if config.reward == "joints":
         return JointsReward(task, _kinesthetic(task, _demonstrations(source), seed), ramp)
+    if config.reward == "tpil":
+        return _third_person(config, source, simulated, seed, device)
+    return frame_reward(config, source, timing, ramp, seed, device)
 
-    def pool() -> RenderPool:
-        return RenderPool.of(task, workers)
 
-    if config.reward in ("gail", "tpil"):
-        return _adversarial(config, task, source, contexts, pool, seed, device)
+def frame_reward(config: PolicyConfig, source: Artifact, timing: Timing, ramp: str, seed: int, device: str) -> Any:
+    """Make a reward that needs nothing but the frames that the learner's environment shows.
+
+    Args:
+        config: Configuration of learn-policy; its reward is `translation`, `video`, `pretrained` or `gail`.
+        source: The translation.
+        timing: When episodes show frames.
+        ramp: Weighting of frames over time: `none` or `quadratic`.
+        seed: Seed of the run.
+        device: Torch device.
+
+    Raises:
+        ArtifactError, PlatformError, UsageError: As `make_reward`.
+    """
+    if config.reward == "gail":
+        from stages.rewards.adversarial import GailReward
+
+        return GailReward(timing, _videos(_demonstrations(source), EXPERTS), _schedule(config), seed, device)
     if config.reward == "pretrained":
         from stages.rewards.networks import load_network
         from stages.rewards.pretrained import PretrainedReward, embedded_track, track
@@ -72,21 +108,12 @@ def make_reward(
             from stages.rewards.projected import ProjectedTrackingReward
 
             tracked = embedded_track(network, videos[:EXAMPLES], target, device)
-            return ProjectedTrackingReward(task, contexts, pool(), *tracked, ramp, COMPONENTS, beyond=0)
-        return PretrainedReward(task, contexts, pool(), network, target, ramp, device)
-    return _translation(config, task, source, contexts, pool, seed, device, ramp)
+            return ProjectedTrackingReward(timing, *tracked, ramp, COMPONENTS, beyond=0)
+        return PretrainedReward(timing, network, target, ramp, device)
+    return _translation(config, source, timing, ramp, seed, device)
 
 
-def _translation(
-    config: PolicyConfig,
-    task: Task,
-    source: Artifact,
-    contexts: Contexts,
-    pool: Any,
-    seed: int,
-    device: str,
-    ramp: str,
-) -> Any:
+def _translation(config: PolicyConfig, source: Artifact, timing: Timing, ramp: str, seed: int, device: str) -> Any:
     """The reward for tracking the translation, or the true expert video as a perfect translation."""
     from stages.rewards.negatives import NegativeTuning
     from stages.rewards.tracking import TrackingTarget
@@ -108,21 +135,17 @@ def _translation(
         )
     if config.learner == "gps":
         fine = TrackingTarget.of(source, config.fine_blur, device, expert) if config.fine_blur else None
-        return _projected(config, task, source, contexts, pool(), model, (target, fine), ramp)
+        return _projected(config, source, timing, model, (target, fine), ramp)
     tuning = None
     if config.negatives:
         tuning = NegativeTuning(model, target, source["images"], config.negatives, seed, device)
-    return BatchTranslationReward(
-        task, contexts, model, target, pool(), config.without, config.image_weight, ramp, device, tuning
-    )
+    return BatchTranslationReward(timing, model, target, config.without, config.image_weight, ramp, device, tuning)
 
 
 def _projected(
     config: PolicyConfig,
-    task: Task,
     source: Artifact,
-    contexts: Contexts,
-    pool: RenderPool,
+    timing: Timing,
     model: Translator,
     targets: tuple[TrackingTarget, TrackingTarget | None],
     ramp: str,
@@ -131,10 +154,8 @@ def _projected(
 
     Args:
         config: Configuration of learn-policy.
-        task: The learner's task.
         source: The translation.
-        contexts: The learner's context (leading axis 1).
-        pool: Render processes of the task.
+        timing: When episodes show frames.
         model: The translator.
         targets: Coarse target and optional fine target; only the coarse one is used without the image term.
         ramp: Weighting of frames over time.
@@ -153,7 +174,7 @@ def _projected(
             images = to_images(torch.from_numpy(frames).to(target.features.device))
             return embed(model.encode(images), images).double().cpu().numpy()
 
-        return ProjectedTrackingReward(task, contexts, pool, see, goal, examples, ramp, beyond=beyond, finer=finer)
+        return ProjectedTrackingReward(timing, see, goal, examples, ramp, beyond=beyond, finer=finer)
 
     coarse, fine = targets
     if "img" in config.without:
@@ -161,26 +182,22 @@ def _projected(
     return track(coarse, BEYOND, None if fine is None else track(fine, 1.0, None))
 
 
-def _adversarial(
-    config: PolicyConfig,
-    task: Task,
-    source: Artifact,
-    contexts: Contexts,
-    pool: Callable[[], RenderPool],
-    seed: int,
-    device: str,
-) -> Any:
-    """The reward of GAIL or TPIL."""
-    from stages.rewards.adversarial import GailReward, Schedule, TpilReward
+def _schedule(config: PolicyConfig) -> Schedule:
+    """The training schedule of the discriminator of GAIL or TPIL."""
+    from stages.rewards.adversarial import Schedule
 
+    return Schedule(config.discriminator_steps, config.discriminator_rate)
+
+
+def _third_person(config: PolicyConfig, source: Artifact, simulated: Simulated, seed: int, device: str) -> Any:
+    """The reward of TPIL, which also learns from videos of random actions in the demonstrations' contexts."""
+    from stages.rewards.adversarial import TpilReward
+
+    assert simulated.camera is not None
     demos = _demonstrations(source)
-    schedule = Schedule(config.discriminator_steps, config.discriminator_rate)
     experts = _videos(demos, EXPERTS)
-    drawing = pool()  # Starts processes, so all files that may be missing are read first.
-    given = (task, contexts, drawing, experts, schedule, seed, device)
-    if config.reward == "gail":
-        return GailReward(*given)
-    return TpilReward(*given, unskilled=_unskilled(task, demos, drawing, seed))
+    unskilled = _unskilled(simulated.task, demos, simulated.camera.pool, seed)
+    return TpilReward(simulated.timing, experts, _schedule(config), seed, device, unskilled=unskilled)
 
 
 def _demonstrations(source: Artifact) -> Artifact:

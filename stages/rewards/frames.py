@@ -1,4 +1,4 @@
-"""Common parts of rewards that are computed from rendered frames of the simulations."""
+"""Common parts of rewards that are computed from the frames that environments show."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from stages.simulation.contexts import Contexts
-from stages.simulation.render import RenderPool
-from stages.simulation.task import State, Task
+from stages.environments.protocol import Moment
+from stages.environments.timing import Timing
 
 
 class FrameReward(ABC):
-    """Base class of rewards of n simulations in one fixed context; renders frames and evaluates them with `judge`.
+    """Base class of rewards of n environments in one fixed context; evaluates their frames with `judge`.
 
     The reward is nonzero only at control steps with a frame. The first frame precedes all actions and has no reward.
     There is one term, `return`, unless a subclass adds others. A subclass whose reward changes during learning
@@ -23,25 +22,24 @@ class FrameReward(ABC):
         frame_period: Control steps between two frames, and thus between two rewards.
     """
 
-    def __init__(self, task: Task, context: Contexts, pool: RenderPool):
-        """Render frames of `task` in `context` (leading axis 1) with `pool`."""
-        self._task, self._pool = task, pool
-        self.frame_period: int | None = task.frame_every
-        self._fields = task.model_fields(context)
+    def __init__(self, timing: Timing):
+        """Judge the frames that episodes with this `timing` show."""
+        self._timing = timing
+        self.frame_period: int | None = timing.period
         self._sums: dict[str, float] = {}
         self._episodes = 0
 
     @abstractmethod
     def judge(self, frame: int, drawn: np.ndarray) -> np.ndarray:
-        """Rewards (n,) of the simulations' frames (n, H, W, 3), uint8, at frame index `frame` (1, 2, ..., T - 1)."""
+        """Rewards (n,) of the environments' frames (n, H, W, 3), uint8, at frame index `frame` (1, 2, ..., T - 1)."""
 
-    def __call__(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
-        if step == 1:
+    def __call__(self, moment: Moment, action: np.ndarray) -> np.ndarray:
+        if moment.step == 1:
             self._episodes += 1
-        frame, between = divmod(step, self._task.frame_every)
-        if between or frame >= self._task.frames:
-            return np.zeros(len(state.qpos))
-        reward = self.judge(frame, self._pool.render(self._fields, state.qpos[None])[0])
+        frame = self._timing.frame_at(moment.step)
+        if frame is None:
+            return np.zeros(len(moment.observation))
+        reward = self.judge(frame, moment.frames())
         self.add("return", reward)
         return reward
 
@@ -63,28 +61,27 @@ class FrameReward(ABC):
     def restore(self, state: dict[str, Any]) -> None:  # noqa: B027 - optional for subclasses
         """No-op, because there is no state."""
 
-    def close(self) -> None:
-        self._pool.close()
+    def close(self) -> None:  # noqa: B027 - optional for subclasses
+        """No-op, because there are no resources to free."""
 
 
-def tracking_cost(task: Task, targets: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def tracking_cost(timing: Timing, targets: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Targets and cost weights of a `TrackingReward` with reward -weights[j] |z - targets[j]|^2 at frame j.
 
     Between two frames, the target is that of the previous frame and the cost weight is zero. The first frame also has
     cost weight zero.
 
     Args:
-        task: The task.
+        timing: When episodes show frames.
         targets: Targets per frame (T, m).
         weights: Weights per frame (T,).
 
     Returns:
         Targets (control steps + 1, m) and cost weights (control steps + 1,).
     """
-    shown = np.minimum(np.arange(task.control_steps + 1) // task.frame_every, task.frames - 1)
-    cost_weights = np.zeros(task.control_steps + 1)
-    cost_weights[np.arange(1, task.frames) * task.frame_every] = 2 * weights[1:]
-    return targets[shown], cost_weights
+    cost_weights = np.zeros(timing.control_steps + 1)
+    cost_weights[list(timing.frame_steps[1:])] = 2 * weights[1:]
+    return targets[timing.last_frames()], cost_weights
 
 
 def time_weights(ramp: str, frames: int) -> np.ndarray:

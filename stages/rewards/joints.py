@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from stages.environments.protocol import Moment
+from stages.environments.simulated import SimulatedMoment
+from stages.environments.timing import Timing
 from stages.rewards.frames import time_weights, tracking_cost
 from stages.rewards.state import StateReward
 from stages.simulation.contexts import Contexts
@@ -27,16 +30,18 @@ class JointsReward(StateReward):
         self._driven = task.posture
         self._target = demonstration[:, self._driven]
         self._scale = max(float(np.square(self._target - self._target[0]).sum()), 1e-6)
-        self._weights = time_weights(ramp, task.frames)
+        self._timing = Timing.regular(task.control_steps, task.frame_every)
+        self._weights = time_weights(ramp, self._timing.frames)
         self.finer = None
-        self.targets, self.cost_weights = tracking_cost(task, self._target, self._weights / self._scale)
+        self.targets, self.cost_weights = tracking_cost(self._timing, self._target, self._weights / self._scale)
 
     def reward(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
-        frame, between = divmod(step, self._task.frame_every)
-        if between or frame >= self._task.frames:
+        frame = self._timing.frame_at(step)
+        if frame is None:
             return np.zeros(len(state.qpos))
         error = np.square(state.qpos[:, self._driven] - self._target[frame]).sum(axis=1)
         return -self._weights[frame] * error / self._scale
 
-    def tracked(self, step: int, state: State, contexts: Contexts) -> np.ndarray:
-        return state.qpos[:, self._driven]
+    def tracked(self, moment: Moment) -> np.ndarray:
+        assert isinstance(moment, SimulatedMoment)
+        return moment.state.qpos[:, self._driven]

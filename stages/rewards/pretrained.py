@@ -14,11 +14,9 @@ import torch
 from torch import Tensor
 
 from artifacts import UsageError
+from stages.environments.timing import Timing
 from stages.rewards.frames import FrameReward, time_weights
 from stages.rewards.networks import PretrainedNetwork
-from stages.simulation.contexts import Contexts
-from stages.simulation.render import RenderPool
-from stages.simulation.task import Task
 from stages.translation.networks import to_images
 
 CHUNK = 50  # frames processed at once
@@ -116,22 +114,20 @@ def embedded_track(
 
 
 class PretrainedReward(FrameReward):
-    """Reward of n simulations in one fixed context for frames whose features are close to the track."""
+    """Reward of n environments in one fixed context for frames whose features are close to the track."""
 
     def __init__(
         self,
-        task: Task,
-        context: Contexts,
-        pool: RenderPool,
+        timing: Timing,
         network: PretrainedNetwork,
         target: FeatureTrack,
         ramp: str = "none",
         device: str = "cpu",
     ):
         """Track `target` in features of `network`; see `time_weights` for `ramp`."""
-        super().__init__(task, context, pool)
+        super().__init__(timing)
         self._network, self._target, self._device = network, target, device
-        self._weights = time_weights(ramp, task.frames)
+        self._weights = time_weights(ramp, timing.frames)
 
     @torch.no_grad()
     def judge(self, frame: int, drawn: np.ndarray) -> np.ndarray:
@@ -140,5 +136,5 @@ class PretrainedReward(FrameReward):
             images = to_images(torch.from_numpy(drawn[start : start + CHUNK]).to(self._device))
             *_, (_, features) = self._network.features(images, self._target.layer)
             errors.append(self._target.error(features, frame))
-        weight = float(self._weights[frame]) / self._task.frames
+        weight = float(self._weights[frame]) / self._timing.frames
         return -weight * torch.cat(errors).double().cpu().numpy()

@@ -22,11 +22,10 @@ import torch
 from torch import Tensor
 
 from artifacts import Artifact
+from stages.environments.protocol import Moment
+from stages.environments.timing import Timing
 from stages.rewards.frames import FrameReward, time_weights, tracking_cost
 from stages.rewards.tracking import TrackingTarget
-from stages.simulation.contexts import Contexts
-from stages.simulation.render import RenderPool
-from stages.simulation.task import State, Task
 from stages.translation.networks import to_images
 
 MOST = 32  # maximum number of components
@@ -49,9 +48,7 @@ class ProjectedTrackingReward(FrameReward):
 
     def __init__(
         self,
-        task: Task,
-        context: Contexts,
-        pool: RenderPool,
+        timing: Timing,
         embed: Callable[[np.ndarray], np.ndarray],
         target: np.ndarray,
         examples: np.ndarray,
@@ -60,12 +57,10 @@ class ProjectedTrackingReward(FrameReward):
         beyond: float = BEYOND,
         finer: ProjectedTrackingReward | None = None,
     ):
-        """Track `target` in `context` (leading axis 1).
+        """Track `target`.
 
         Args:
-            task: The task.
-            context: The learner's context.
-            pool: Render processes of the task.
+            timing: When episodes show frames.
             embed: Function from frames (n, H, W, 3), uint8, to embeddings (n, E).
             target: Embeddings to track (T, E).
             examples: Embeddings (M, E) for computing the principal components, together with the target.
@@ -74,14 +69,14 @@ class ProjectedTrackingReward(FrameReward):
             beyond: Weight of the residual between embedding and target beyond the components; 0: it is not tracked.
             finer: Reward to continue with once the target is near.
         """
-        super().__init__(task, context, pool)
+        super().__init__(timing)
         self._embed = embed
         self._centre, self._basis = principal_components(np.concatenate([examples, target]), most)
-        self._frame_weights = time_weights(ramp, task.frames)
+        self._frame_weights = time_weights(ramp, timing.frames)
         self._embedded_target, self._beyond, self.finer = target, beyond, finer
         self._frame_targets = np.stack([self._project(each[None], j)[0] for j, each in enumerate(target)])
         self.components = self._basis.shape[1]
-        self.targets, self.cost_weights = tracking_cost(task, self._frame_targets, self._frame_weights)
+        self.targets, self.cost_weights = tracking_cost(timing, self._frame_targets, self._frame_weights)
         self._seen = np.empty((0, self._frame_targets.shape[1]))
 
     def _project(self, embeddings: np.ndarray, frame: int) -> np.ndarray:
@@ -99,9 +94,9 @@ class ProjectedTrackingReward(FrameReward):
         apart = np.square(self._seen - self._frame_targets[frame]).sum(axis=1)
         return -self._frame_weights[frame] * apart
 
-    def tracked(self, step: int, state: State, contexts: Contexts) -> np.ndarray:
-        if step == 0:
-            self._seen = self._project(self._embed(self._pool.render(self._fields, state.qpos[None])[0]), 0)
+    def tracked(self, moment: Moment) -> np.ndarray:
+        if moment.step == 0:
+            self._seen = self._project(self._embed(moment.frames()), 0)
         return self._seen
 
 

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from stages.environments.protocol import Moment
+from stages.environments.simulated import SimulatedMoment
 from stages.simulation.contexts import Contexts
 from stages.simulation.task import State, Task
 
@@ -24,8 +26,9 @@ class StateReward(ABC):
     def reward(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
         """Rewards (n,) of the actions (n, nu) that led to `state`."""
 
-    def __call__(self, step: int, state: State, action: np.ndarray, contexts: Contexts) -> np.ndarray:
-        value = self.reward(step, state, action, contexts)
+    def __call__(self, moment: Moment, action: np.ndarray) -> np.ndarray:
+        assert isinstance(moment, SimulatedMoment)
+        value = self.reward(moment.step, moment.state, action, moment.contexts)
         self._returns.append(value)
         return value
 
@@ -96,5 +99,6 @@ class GoalReward(OracleReward):
         self.targets = np.zeros((task.control_steps + 1, error.shape[1]))
         self.cost_weights = np.full(task.control_steps + 1, 1 / max(float(np.square(error).sum()), 1e-12))
 
-    def tracked(self, step: int, state: State, contexts: Contexts) -> np.ndarray:
-        return self._task.goal_error(state, contexts)
+    def tracked(self, moment: Moment) -> np.ndarray:
+        assert isinstance(moment, SimulatedMoment)
+        return self._task.goal_error(moment.state, moment.contexts)

@@ -1,4 +1,4 @@
-"""The translation reward (Sec. V.A) for simulations that run in lockstep: frames are rendered, encoded and compared."""
+"""The translation reward (Sec. V.A) for environments that run in lockstep: frames are encoded and compared."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stages.environments.timing import Timing
 from stages.rewards.frames import FrameReward, time_weights
 from stages.rewards.tracking import TrackingReward, TrackingTarget
-from stages.simulation.contexts import Contexts
-from stages.simulation.render import RenderPool
-from stages.simulation.task import Task
 from stages.translation.networks import Translator
 
 if TYPE_CHECKING:
@@ -18,39 +16,35 @@ if TYPE_CHECKING:
 
 
 class BatchTranslationReward(FrameReward):
-    """The translation reward of n simulations in one fixed context; renders their frames and encodes them."""
+    """The translation reward of n environments in one fixed context; encodes their frames."""
 
     def __init__(
         self,
-        task: Task,
-        context: Contexts,
+        timing: Timing,
         model: Translator,
         target: TrackingTarget,
-        pool: RenderPool,
         without: tuple[str, ...] = (),
         image_weight: float = 1.0,
         ramp: str = "none",
         device: str = "cpu",
         tuning: NegativeTuning | None = None,
     ):
-        """Track `target` in `context` (leading axis 1).
+        """Track `target`.
 
         Args:
-            task: The task.
-            context: The learner's context.
+            timing: When episodes show frames.
             model: The translator.
             target: Target to track.
-            pool: Render processes of the task.
             without: Terms to switch off: `feat` or `img`.
             image_weight: Weight w_rec of R_img.
             ramp: Weighting of frames over time; see `time_weights`.
             device: Torch device of the model and the target.
             tuning: Fine-tuning on the learner's frames; its network then computes the features.
         """
-        super().__init__(task, context, pool)
+        super().__init__(timing)
         self._tuning = tuning
         features_of = model if tuning is None else tuning.model
-        weights = time_weights(ramp, task.frames)
+        weights = time_weights(ramp, timing.frames)
         self._reward = TrackingReward(features_of, target, weights, image_weight, without, device)
         self._ranked = float("nan")
 

@@ -22,14 +22,13 @@ import numpy as np
 
 from artifacts import UsageError
 from stages.config.stages import TRACKED_REWARDS, LearnerConfig, PolicyConfig
-from stages.learners.environment import EpisodeEnv
+from stages.environments.protocol import Environment, Moment
 from stages.learners.gps.controller import LinearGaussianController
 from stages.learners.gps.gmm import Mixture
 from stages.learners.gps.gps import Improvement, Search, iterate
 from stages.learners.gps.lqr import QuadraticCost, on_part
 from stages.learners.reward import TrackingReward
 from stages.runtime.seeding import generator
-from stages.simulation.task import State, Task
 
 MOST_STEPS = 200  # maximum control steps per episode: over longer episodes, errors of the dynamics accumulate
 # R of the action cost 1/2 R |u|^2, relative to the cost per control step of standing still with the first target.
@@ -101,12 +100,12 @@ class GuidedPolicySearch:
     """Learns a time-varying linear-Gaussian controller in one context.
 
     Attributes:
-        env: Environment for rollouts; all of its simulations have the same context.
-        num_timesteps: Total number of control steps so far, over all simulations.
+        env: Environment for rollouts; all of its episodes have the same context.
+        num_timesteps: Total number of control steps so far, over all episodes.
         last: Result of the last iteration; None before the first.
     """
 
-    def __init__(self, config: LearnerConfig, env: EpisodeEnv, seed: int):
+    def __init__(self, config: LearnerConfig, env: Environment, seed: int):
         """Start with random actions of mean zero.
 
         Raises:
@@ -117,28 +116,29 @@ class GuidedPolicySearch:
         if not isinstance(reward, TrackingReward):
             raise UsageError(f"--learner gps: expected --reward {', '.join(TRACKED_REWARDS)} (rewards with a target)")
         config.check_together()
-        if env.task.control_steps > MOST_STEPS:
+        steps = env.timing.control_steps
+        if steps > MOST_STEPS:
             raise UsageError(
                 f"--learner gps fits dynamics at every control step: expected at most {MOST_STEPS} steps per episode, "
-                f"{env.task.name} has {env.task.control_steps}; use --learner trpo"
+                f"{env.name} has {steps}; use --learner trpo"
             )
-        if not ends_with_clock(env.task, env.state):
+        if not env.has_clock:
             raise UsageError(
-                f"--learner gps: the observation of {env.task.name} does not end with a clock; use --learner trpo"
+                f"--learner gps: the observation of {env.name} does not end with a clock; use --learner trpo"
             )
         self._reward = reward
         self._config, self._seed = config, seed
         self.env = env
         self.num_timesteps = 0
         self._size = env.observation_size - 1
-        steps, tracked = env.task.control_steps, reward.targets.shape[1]
+        tracked = reward.targets.shape[1]
         std = float(np.exp(config.log_std))
-        first = LinearGaussianController.constant(steps, self._size + tracked, env.task.action_size, std)
-        own = LinearGaussianController.constant(steps, self._size, env.task.action_size, std)
+        first = LinearGaussianController.constant(steps, self._size + tracked, env.action_size, std)
+        own = LinearGaussianController.constant(steps, self._size, env.action_size, std)
         starts = config.starts if isinstance(config, PolicyConfig) else 1
         self._starts = [Start(Search(first), own, own)] * starts
         self._apart = starts * int(APART * config.iterations / starts) if starts > 1 else 0
-        self._penalty = ACTION_COST * self._standing_still() * np.eye(env.task.action_size)
+        self._penalty = ACTION_COST * self._standing_still() * np.eye(env.action_size)
         self._cost = self._tracking()
         self.last: Improvement | None = None
         self._period = reward.frame_period
@@ -164,7 +164,7 @@ class GuidedPolicySearch:
         return min(self._starts, key=lambda start: start.cost)
 
     def learn(self, total_timesteps: int, reset_num_timesteps: bool = False) -> GuidedPolicySearch:
-        """Run one episode in every simulation and one update; same signature as `learn` of Stable-Baselines3.
+        """Run the episodes of one iteration and one update; same signature as `learn` of Stable-Baselines3.
 
         Raises:
             FloatingPointError: The cost of the rollouts is not finite.
@@ -190,17 +190,22 @@ class GuidedPolicySearch:
         return self
 
     def rollouts(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        """States (N, T + 1, dx) and actions (N, T, du) of one episode of the controller in every simulation."""
-        env, controller = self.env, self.controller
+        """States (N, T + 1, dx) and actions (N, T, du) of all episodes of one iteration of the controller."""
         if not self._fresh:
-            env.reset()  # The initial reset of a new environment does not count as an episode.
+            self.env.reset()  # The initial reset of a new environment does not count as an episode.
             self._fresh = True
-        states, actions = [self._state(0, env.state)], []
+        rounds = [self._round(rng) for _ in range(self.env.rounds)]
+        return np.concatenate([states for states, _ in rounds]), np.concatenate([actions for _, actions in rounds])
+
+    def _round(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """States (n, T + 1, dx) and actions (n, T, du) of one episode of the controller in every environment."""
+        env, controller = self.env, self.controller
+        states, actions = [self._state(env.moment)], []
         for step in range(controller.steps):
-            noise = rng.standard_normal((env.num_envs, env.task.action_size))
+            noise = rng.standard_normal((env.num_envs, env.action_size))
             actions.append(controller.sample(step, states[-1], noise))
             _, _, done, _ = env.step(actions[-1])
-            states.append(self._state(step + 1, env.final if done[0] else env.state))
+            states.append(self._state(env.last if done[0] else env.moment))
         return np.stack(states, axis=1), np.stack(actions, axis=1)
 
     def _tracking(self) -> QuadraticCost:
@@ -228,14 +233,14 @@ class GuidedPolicySearch:
 
     def _standing_still(self) -> float:
         """Mean cost per control step of staying in the initial state of the current episode."""
-        seen = self._reward.tracked(0, self.env.state, self.env.contexts).mean(axis=0)
+        seen = self._reward.tracked(self.env.moment).mean(axis=0)
         apart = np.square(self._reward.targets - seen).sum(axis=1)
         return max(float((0.5 * self._reward.cost_weights * apart).mean()), 1e-9)
 
-    def _state(self, step: int, state: State) -> np.ndarray:
-        """States x (n, dx) after `step` control steps."""
-        own = self.env.task.observe(state)[:, :-1].astype(np.float64)
-        return np.concatenate([own, self._reward.tracked(step, state, self.env.contexts)], axis=1)
+    def _state(self, moment: Moment) -> np.ndarray:
+        """States x (n, dx) at `moment`."""
+        own = moment.observation[:, :-1].astype(np.float64)
+        return np.concatenate([own, self._reward.tracked(moment)], axis=1)
 
     def state(self) -> dict[str, Any]:
         """The complete state that determines the rest of learning, as a tree of arrays and numbers."""
@@ -263,10 +268,3 @@ class GuidedPolicySearch:
             self.env.episode = int(state["episode"]) - 1  # The current episode was drawn before; draw it again.
             self.env.reset()
             self._fresh = True
-
-
-def ends_with_clock(task: Task, state: State) -> bool:
-    """Whether the last entry of the learner's observation, and no other, is time relative to the episode length."""
-    start, end = (task.observe(replace(state, time=np.full_like(state.time, t))) for t in (0.0, task.horizon))
-    told = (end - start).astype(np.float64)
-    return bool(np.allclose(told[:, :-1], 0, atol=1e-6) and np.allclose(told[:, -1], 1, atol=1e-5))

@@ -7,9 +7,9 @@ import pytest
 
 from artifacts import pack, unpack
 from stages.config.stages import LearnerConfig
+from stages.environments.simulated import SimulatedEnvironment
 from stages.learners import loop
 from stages.learners.algorithms import learner_state, make_learner, restore_learner
-from stages.learners.environment import EpisodeEnv
 from stages.learners.loop import is_flat
 from stages.rewards.state import OracleReward
 from stages.runtime.checkpoints import Checkpoints
@@ -26,13 +26,15 @@ def make(config, seed=0, **attributes):
     for name, value in attributes.items():
         setattr(task, name, value)
     context = task.draw_contexts(np.random.default_rng(3), 1, DISTRIBUTIONS["paper"])
-    env = EpisodeEnv(task, config.episodes, seed, lambda rng, n: repeat(context, n), OracleReward(task), nthread=1)
+    env = SimulatedEnvironment(
+        task, config.episodes, seed, lambda rng, n: repeat(context, n), OracleReward(task), nthread=1
+    )
     return make_learner(config, env, seed), env
 
 
 def iterate(model, times):
     for _ in range(times):
-        model.learn(model.env.num_envs * model.env.task.control_steps, reset_num_timesteps=False)
+        model.learn(model.env.num_envs * model.env.timing.control_steps, reset_num_timesteps=False)
 
 
 def weights(model):
@@ -56,7 +58,7 @@ def test_a_restored_learner_goes_on_bit_for_bit(learner, attributes):
     resumed, _ = make(config, **attributes)
     restore_learner(resumed, state)
     iterate(resumed, 2)
-    assert resumed.num_timesteps == whole.num_timesteps == 4 * SMALL.episodes * whole.env.task.control_steps
+    assert resumed.num_timesteps == whole.num_timesteps == 4 * SMALL.episodes * whole.env.timing.control_steps
     assert_same(whole, resumed)
 
 

@@ -8,8 +8,8 @@ import torch
 
 from artifacts import ArtifactError, read_artifact, write_artifact
 from stages.config.stages import LearnerConfig
+from stages.environments.simulated import SimulatedEnvironment
 from stages.learners.algorithms import make_learner
-from stages.learners.environment import EpisodeEnv
 from stages.learners.gps.lqr import on_part
 from stages.learners.policy import Policy, check_fits, first_observation, policy_weights
 from stages.rewards.state import GoalReward
@@ -22,7 +22,7 @@ SMALL = LearnerConfig(episodes=4, hidden=8, iterations=4)
 def learner(name):
     task = Reach()
     context = task.draw_contexts(np.random.default_rng(3), 1, DISTRIBUTIONS["paper"])
-    env = EpisodeEnv(task, 4, 0, lambda rng, n: repeat(context, n), GoalReward(task, context), nthread=1)
+    env = SimulatedEnvironment(task, 4, 0, lambda rng, n: repeat(context, n), GoalReward(task, context), nthread=1)
     return make_learner(dataclasses.replace(SMALL, learner=name), env, 0)
 
 

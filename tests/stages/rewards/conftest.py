@@ -1,47 +1,36 @@
-"""A task without physics, whose frames a test chooses."""
+"""A timing without a simulation, and moments whose frames a test chooses."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from stages.environments.timing import Timing
+
 T, SIZE = 6, 16
-
-
-class Pool:
-    """Draws what it is told to, whatever the joints are."""
-
-    def __init__(self):
-        self.frames = np.zeros((1, SIZE, SIZE, 3), np.uint8)
-
-    def render(self, fields, qpos):
-        return self.frames[None]
-
-    def close(self):
-        pass
 
 
 @pytest.fixture
 def stage():
     """Draws videos (n, T, H, W, 3) for a reward, and hands its rewards back; `reward` is set by the test."""
-    task = SimpleNamespace(
-        model_fields=lambda contexts: {}, frame_every=2, frames=T, frame_size=(SIZE, SIZE), control_steps=2 * T
-    )
-    pool = Pool()
+    timing = Timing.regular(2 * T, 2)
+
+    def moment(step, frames):
+        """A moment that shows `frames` (n, H, W, 3)."""
+        return SimpleNamespace(step=step, observation=np.zeros((len(frames), 1)), frames=lambda: frames)
 
     def perform(reward, videos):
         """Rewards (n, T - 1) of frames 1, ..., T - 1."""
         got = []
-        for step in range(1, task.control_steps + 1):
-            pool.frames = videos[:, min(step // 2, T - 1)]
-            given = reward(step, SimpleNamespace(qpos=np.zeros((len(videos), 1))), None, {})
+        for step in range(1, timing.control_steps + 1):
+            given = reward(moment(step, videos[:, min(step // 2, T - 1)]), None)
             if step % 2 == 0 and step // 2 < T:
                 got.append(given)
             else:
                 assert not given.any()
         return np.stack(got, axis=1)
 
-    return SimpleNamespace(task=task, pool=pool, perform=perform)
+    return SimpleNamespace(timing=timing, moment=moment, perform=perform)
 
 
 @pytest.fixture

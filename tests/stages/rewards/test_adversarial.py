@@ -16,7 +16,7 @@ SCHEDULE = Schedule(steps=30, rate=1e-3)
 
 
 def make(kind, stage, squares):
-    given = (stage.task, {}, stage.pool, squares(2, n=16, seed=1), SCHEDULE, 0)
+    given = (stage.timing, squares(2, n=16, seed=1), SCHEDULE, 0)
     if kind == "gail":
         return GailReward(*given)
     return TpilReward(*given, unskilled=squares(2, n=16, speed=0, seed=2))

@@ -7,6 +7,8 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
+from stages.environments.simulated import SimulatedMoment
+from stages.environments.timing import Timing
 from stages.rewards.frames import FrameReward, time_weights, tracking_cost
 from stages.rewards.joints import JointsReward
 from stages.rewards.state import ExpertReward, GoalReward, OracleReward, StateReward
@@ -23,16 +25,15 @@ def test_weights_over_time_have_a_mean_of_one():
 
 
 def test_what_is_tracked_between_two_frames_costs_nothing():
-    task = SimpleNamespace(control_steps=7, frame_every=3, frames=3)
+    timing = Timing.regular(7, 3)
     targets, weights = np.arange(6.0).reshape(3, 2), np.array([5.0, 0.5, 2.0])
-    at, cost = tracking_cost(task, targets, weights)
+    at, cost = tracking_cost(timing, targets, weights)
     np.testing.assert_array_equal(at, targets[[0, 0, 0, 1, 1, 1, 2, 2]])
     np.testing.assert_array_equal(cost, [0, 0, 0, 1, 0, 0, 4, 0])
 
 
 def test_the_target_stays_at_the_last_frame():
-    task = SimpleNamespace(control_steps=8, frame_every=2, frames=4)
-    at, cost = tracking_cost(task, np.arange(4.0)[:, None], np.ones(4))
+    at, cost = tracking_cost(Timing.regular(8, 2), np.arange(4.0)[:, None], np.ones(4))
     np.testing.assert_array_equal(at[:, 0], [0, 0, 1, 1, 2, 2, 3, 3, 3])
     np.testing.assert_array_equal(cost, [0, 0, 2, 0, 2, 0, 2, 0, 0])
 
@@ -48,7 +49,7 @@ class Bright(FrameReward):
 
 
 def test_terms_are_means_over_episodes_and_simulations(stage):
-    reward = Bright(stage.task, {}, stage.pool)
+    reward = Bright(stage.timing)
     assert reward.frame_period == 2 and reward.terms() == {}
     videos = np.zeros((4, 6, 16, 16, 3), np.uint8)
     videos[0, 1:], videos[1, 1:] = 100, 20
@@ -59,16 +60,16 @@ def test_terms_are_means_over_episodes_and_simulations(stage):
     assert reward.terms() == {}
     stage.perform(reward, videos)
     assert reward.terms()["return"] == pytest.approx(150)
-    assert reward.state() == {} and reward.iterate() is None and reward.restore({}) is None
-    closed = []
-    stage.pool.close = lambda: closed.append(True)
-    reward.close()
-    assert closed == [True]
+    assert reward.state() == {} and reward.iterate() is None and reward.restore({}) is None and reward.close() is None
 
 
 def state(qpos, **values):
     zeros = np.zeros_like(qpos)
     return SimpleNamespace(qpos=qpos, qvel=zeros, site_xpos=np.zeros((len(qpos), 1, 3)), ctrl=zeros, **values)
+
+
+def moment(step, of, contexts):
+    return SimulatedMoment(step, of, contexts, np.zeros((len(of.qpos), 1)))
 
 
 def test_a_state_rewards_return_is_the_mean_over_episodes_and_simulations():
@@ -83,12 +84,12 @@ def test_a_state_rewards_return_is_the_mean_over_episodes_and_simulations():
     for _ in range(2):
         for step in (1, 2, 3):
             np.testing.assert_array_equal(
-                reward(step, state(np.array([[1.0], [3.0]])), "pushed", "here"), [step, 3 * step]
+                reward(moment(step, state(np.array([[1.0], [3.0]])), "here"), "pushed"), [step, 3 * step]
             )
     assert reward.terms() == {"return": pytest.approx(12.0)}
     assert reward.terms() == {"return": 0.0}
     assert reward.state() == {} and reward.iterate() is None and reward.restore({}) is None and reward.close() is None
-    reward(1, state(np.array([[1.0], [3.0]])), "pushed", "here")
+    reward(moment(1, state(np.array([[1.0], [3.0]])), "here"), "pushed")
     assert reward.terms() == {"return": 2.0}, "of an episode that has begun"
 
 
@@ -107,7 +108,8 @@ def test_the_oracle_judges_by_the_tasks_own_outcome():
     reward = OracleReward(task)
     for _ in range(2):
         given = [
-            reward(step, state(np.array([[at], [2 * at]])), None, {}) for step, at in ((1, 4.0), (2, 1.0), (3, 3.0))
+            reward(moment(step, state(np.array([[at], [2 * at]])), {}), None)
+            for step, at in ((1, 4.0), (2, 1.0), (3, 3.0))
         ]
         np.testing.assert_array_equal(given, [[0, 0], [0, 0], [-0.25, -0.25]])
         np.testing.assert_array_equal(task.seen[0], [4.0, 4.0, 1.0, 3.0])  # the first step stands for the start
@@ -129,7 +131,7 @@ def test_the_goal_is_tracked_at_every_step_in_units_of_the_starts_error():
     error = task.goal_error(start, contexts)
     assert reward.finer is None and reward.targets.shape == (51, error.shape[1]) and not reward.targets.any()
     np.testing.assert_allclose(reward.cost_weights, np.full(51, 1 / np.square(error).sum()))
-    np.testing.assert_array_equal(reward.tracked(0, start, contexts), error)
+    np.testing.assert_array_equal(reward.tracked(moment(0, start, contexts)), error)
 
 
 @pytest.mark.parametrize("ramp", ["none", "quadratic"])
@@ -146,7 +148,7 @@ def test_joints_are_paid_by_their_squared_distance_over_the_demonstrations_motio
         assert not reward.reward(frame * task.frame_every - 1, state(qpos), None, {}).any()
     assert not reward.reward(task.frames * task.frame_every, state(qpos), None, {}).any(), "no frame shows it"
     assert reward.finer is None
-    np.testing.assert_array_equal(reward.tracked(3, state(qpos), {}), qpos[:, :3])
+    np.testing.assert_array_equal(reward.tracked(moment(3, state(qpos), {})), qpos[:, :3])
     at_rest = JointsReward(task, np.zeros((task.frames, 5)))
     moved = np.full((1, 5), 1e-3)
     np.testing.assert_allclose(at_rest.reward(task.frame_every, state(moved), None, {}), -3.0)

@@ -28,7 +28,7 @@ def greys(images):
 
 
 def make(kind, stage, steps=2, **options):
-    given = (stage.task, {}, stage.pool, numbered(4), Schedule(steps, 1e-3), 5)
+    given = (stage.timing, numbered(4), Schedule(steps, 1e-3), 5)
     return GailReward(*given) if kind == "gail" else TpilReward(*given, unskilled=numbered(4, 100), **options)
 
 

@@ -1,6 +1,7 @@
 """Each --reward is made of the files behind a translation, and of the options that it has."""
 
 import dataclasses
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -8,10 +9,11 @@ import torch
 
 from artifacts import ArtifactError, read_artifact, write_artifact
 from stages.config.stages import PolicyConfig
-from stages.learners.environment import EpisodeEnv
+from stages.environments.simulated import Camera, SimulatedEnvironment
+from stages.environments.timing import Timing
 from stages.rewards import adversarial, factory, negatives
 from stages.rewards.adversarial import GailReward, TpilReward
-from stages.rewards.factory import make_reward
+from stages.rewards.factory import Simulated, make_reward
 from stages.rewards.joints import JointsReward
 from stages.rewards.pretrained import PretrainedReward
 from stages.rewards.projected import BEYOND, ProjectedTrackingReward
@@ -21,6 +23,7 @@ from stages.rewards.translation import BatchTranslationReward
 from stages.runtime.seeding import generator
 from stages.simulation.contexts import repeat
 from stages.simulation.registry import distribution, learner_context, make_task
+from stages.simulation.render import RenderPool
 from stages.translation.networks import CompactTranslator, load_translator
 
 pytestmark = pytest.mark.gl
@@ -89,13 +92,20 @@ def source(lineage):
     return lineage()
 
 
+@pytest.fixture(scope="module")
+def camera(task, context):
+    with closing(Camera(task, context, RenderPool.of(task, 1))) as opened:
+        yield opened
+
+
 @pytest.fixture
-def made(task, context):
+def made(task, context, camera):
     """A function that makes the reward of some options; closed at the end."""
     rewards = []
 
     def make(source, **options):
-        rewards.append(make_reward(PolicyConfig(**options), task, source, context, 1, SEED, "cpu"))
+        simulated = Simulated(task, context, camera)
+        rewards.append(make_reward(PolicyConfig(**options), source, simulated, SEED, "cpu"))
         return rewards[-1]
 
     yield make
@@ -146,11 +156,13 @@ def test_what_varied_in_the_demonstrations_varies_in_their_likes(made, lineage, 
     np.testing.assert_array_equal(reward.targets, kinesthetic(task, contexts, "none")[0])
 
 
-def by_hand(task, context, source, pool, expert=False, ramp="none", blur=4.0, **options):
+def by_hand(task, source, expert=False, ramp="none", blur=4.0, **options):
     """The translation's reward, made from its parts."""
     target = TrackingTarget.of(source, blur, "cpu", expert)
     model = load_translator(source.parent("translator"))
-    return BatchTranslationReward(task, context, model, target, pool, ramp=ramp, **options)
+    return BatchTranslationReward(
+        Timing.regular(task.control_steps, task.frame_every), model, target, ramp=ramp, **options
+    )
 
 
 @pytest.mark.parametrize(
@@ -165,10 +177,9 @@ def by_hand(task, context, source, pool, expert=False, ramp="none", blur=4.0, **
 )
 def test_the_translation_is_tracked_as_the_options_say(made, source, task, context, films, options, parts):
     reward = made(source, **{"ramp": "none", **options})
-    expected = by_hand(task, context, source, None, **parts)
+    expected = by_hand(task, source, **parts)
     for frame in (1, task.frames - 1):
         np.testing.assert_allclose(reward.judge(frame, films), expected.judge(frame, films), rtol=1e-6)
-    np.testing.assert_allclose(reward._fields["cam_pos"], task.model_fields(context)["cam_pos"])
 
 
 def test_without_the_experts_video_there_is_none_to_track(made, lineage):
@@ -250,10 +261,10 @@ def test_third_person_imitation_also_sees_random_actions_in_the_demonstrations_c
     np.testing.assert_array_equal(again._unskilled, videos, "the actions follow from the seed")
 
 
-def test_imported_videos_show_no_simulated_contexts(lineage, made, context):
+def test_imported_videos_show_no_simulated_contexts(lineage, context, camera):
     source = lineage(stage="import-demos", task="reach")
     with pytest.raises(ArtifactError, match="not filmed in simulated contexts"):
-        make_reward(PolicyConfig(reward="tpil"), make_task("reach"), source, context, 1, SEED, "cpu").close()
+        make_reward(PolicyConfig(reward="tpil"), source, Simulated(make_task("reach"), context, camera), SEED, "cpu")
 
 
 def test_pretrained_features_are_averaged_over_the_demonstrations(made, source, task, films, monkeypatch):
@@ -291,10 +302,12 @@ def test_a_changed_file_behind_the_translation_is_told(made, lineage):
         made(source, reward="gail")
 
 
-def test_rewards_run_in_the_learners_environment(made, source, task, context):
+def test_rewards_run_in_the_learners_environment(made, source, task, context, camera):
     reward = made(source, image_weight=1.0)
     small = dataclasses.replace(PolicyConfig(), episodes=2)
-    env = EpisodeEnv(task, small.episodes, 0, lambda rng, n: repeat(context, n), reward, nthread=1)
+    env = SimulatedEnvironment(
+        task, small.episodes, 0, lambda rng, n: repeat(context, n), reward, nthread=1, camera=camera
+    )
     env.reset()
     paid = [env.step(np.zeros((2, task.action_size)))[1] for _ in range(task.frame_every)]
     assert not np.any(paid[:-1]) and (paid[-1] < 0).all()

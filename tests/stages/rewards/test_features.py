@@ -85,7 +85,7 @@ def test_an_error_is_the_mean_square_in_spreads():
 def test_the_reward_is_minus_the_weighted_error_over_the_frames(network, videos, stage, ramp, monkeypatch):
     monkeypatch.setattr(pretrained, "CHUNK", 2)
     made = track(network, videos, "patches", "cpu")
-    got = stage.perform(PretrainedReward(stage.task, {}, stage.pool, network, made, ramp), videos[:3])
+    got = stage.perform(PretrainedReward(stage.timing, network, made, ramp), videos[:3])
     weights = np.arange(T) ** 2 / np.mean(np.arange(T) ** 2) if ramp == "quadratic" else np.ones(T)
     apart = np.square((patches(videos[:3]) - made.mean.numpy()) / made.spread.numpy()).mean(axis=2)
     np.testing.assert_allclose(got, -(weights * apart / T)[:, 1:], rtol=1e-4)
@@ -138,7 +138,7 @@ def test_numbers_that_are_tracked_are_components_and_what_is_beyond(stage):
     goal, examples = rng.normal(size=(T, 10)), rng.normal(size=(30, 10))
     seen = {}
     reward = ProjectedTrackingReward(
-        stage.task, {}, stage.pool, lambda frames: seen["now"], goal, examples, "quadratic", most=3, beyond=0.5
+        stage.timing, lambda frames: seen["now"], goal, examples, "quadratic", most=3, beyond=0.5
     )
     centre, basis = principal_components(np.concatenate([examples, goal]), 3)
     assert reward.components == 3 and reward.finer is None
@@ -149,13 +149,13 @@ def test_numbers_that_are_tracked_are_components_and_what_is_beyond(stage):
     beyond = np.square(apart).sum(axis=1) - inside
     weight = 16 / np.mean(np.arange(T) ** 2)
     np.testing.assert_allclose(reward.judge(4, None), -weight * (inside + 0.5 * beyond))
-    tracked = reward.tracked(8, None, {})
+    tracked = reward.tracked(stage.moment(8, np.zeros((2, 1, 1, 3))))
     np.testing.assert_allclose(tracked[:, :3], (seen["now"] - centre) @ basis)
     np.testing.assert_allclose(tracked[:, 3], np.sqrt(0.5 * beyond))
     assert reward.cost_weights[8] == pytest.approx(2 * weight)
-    without = ProjectedTrackingReward(stage.task, {}, stage.pool, None, goal, examples, most=3, beyond=0.0)
-    assert without.targets.shape == (stage.task.control_steps + 1, 3)
-    again = ProjectedTrackingReward(stage.task, {}, stage.pool, None, goal, examples, finer=without)
+    without = ProjectedTrackingReward(stage.timing, None, goal, examples, most=3, beyond=0.0)
+    assert without.targets.shape == (stage.timing.control_steps + 1, 3)
+    again = ProjectedTrackingReward(stage.timing, None, goal, examples, finer=without)
     assert again.finer is without and again.targets.shape[1] == again.components + 1
 
 

@@ -16,6 +16,8 @@ from gymnasium.utils.env_checker import check_env
 
 import stages.simulation.gym_registration  # noqa: F401 - registers ifo/Reach-v0
 from artifacts import ArtifactError, UsageError, read_artifact, write_artifact
+from stages.environments.simulated import Camera, SimulatedMoment
+from stages.environments.timing import Timing
 from stages.rewards.frames import time_weights
 from stages.rewards.gym_wrapper import TranslationReward
 from stages.rewards.tracking import TrackingTarget, motion
@@ -246,7 +248,8 @@ def test_it_is_the_reward_that_learn_policy_learns_from(reach, pixels):
     env = TranslationReward(inner, path, pixels=pixels)
     source = read_artifact(path)
     model, target = load_translator(source.parent("translator")), TrackingTarget.of(source, 4.0)
-    batch = BatchTranslationReward(task, context, model, target, pool, image_weight=2.0, ramp=task.ramp)
+    timing, camera = Timing.regular(task.control_steps, task.frame_every), Camera(task, context, pool)
+    batch = BatchTranslationReward(timing, model, target, image_weight=2.0, ramp=task.ramp)
     env.reset(seed=1)
     env.action_space.seed(1)
     got, expected = [], []
@@ -254,7 +257,7 @@ def test_it_is_the_reward_that_learn_policy_learns_from(reach, pixels):
         action = env.action_space.sample()
         got.append(env.step(action)[1])
         state = env.unwrapped.physics.task_state()
-        expected.append(float(batch(step, state, action[None], context)[0]))
+        expected.append(float(batch(SimulatedMoment(step, state, context, np.zeros((1, 1)), camera), action[None])[0]))
     env.close()
     assert np.count_nonzero(got) == task.frames - 1
     np.testing.assert_allclose(got, expected, rtol=1e-5)

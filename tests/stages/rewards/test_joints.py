@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from stages.environments.simulated import SimulatedMoment
 from stages.rewards.joints import JointsReward
 from stages.simulation.task import State
 from stages.simulation.tasks.push import Push
@@ -13,7 +14,8 @@ def returns(reward, task, qpos):
     for step in range(1, task.control_steps + 1):
         at = np.tile(qpos[min(step // task.frame_every, task.frames - 1)], (2, 1))
         zeros = np.zeros_like(at)
-        total += reward(step, State(at, zeros, np.zeros((2, 1, 3)), np.zeros(2), zeros), zeros, {})
+        state = State(at, zeros, np.zeros((2, 1, 3)), np.zeros(2), zeros)
+        total += reward(SimulatedMoment(step, state, {}, np.zeros((2, 1))), zeros)
     assert total[0] == total[1]
     return total[0]
 

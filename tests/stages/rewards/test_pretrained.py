@@ -61,7 +61,7 @@ def test_a_gpu_gives_the_features_of_the_cpu(monkeypatch, squares):
 
 def test_following_the_demonstrations_beats_standing_still(network, stage, squares):
     target = track(network, squares(2, n=12, seed=1), "block4", "cpu")
-    reward = PretrainedReward(stage.task, {}, stage.pool, network, target)
+    reward = PretrainedReward(stage.timing, network, target)
     follows = stage.perform(reward, squares(2, seed=2))
     still = stage.perform(reward, squares(2, speed=0, seed=3))
     assert (follows[:, 1:].mean(axis=0) > 2 * still[:, 1:].mean(axis=0)).all()  # Rewards are negative.
@@ -74,7 +74,7 @@ def test_principal_components_track_what_the_features_do(network, stage, squares
     embed, goal, examples = embedded_track(network, videos, target, "cpu")
     assert goal.shape[0] == videos.shape[1] and examples.shape == (videos[..., 0, 0, 0].size, goal.shape[1])
     np.testing.assert_allclose(embed(videos[0]), examples[: len(goal)], rtol=1e-5, atol=1e-6)
-    reward = ProjectedTrackingReward(stage.task, {}, stage.pool, embed, goal, examples, most=20)
+    reward = ProjectedTrackingReward(stage.timing, embed, goal, examples, most=20)
     assert 2 <= reward.components <= 20
     follows = stage.perform(reward, squares(2, seed=2))
     still = stage.perform(reward, squares(2, speed=0, seed=3))
@@ -85,8 +85,7 @@ def test_the_ramp_weighs_late_frames(network, stage, squares):
     target = track(network, squares(2, n=4, seed=1), "block2", "cpu")
     still = squares(2, speed=0, n=2, seed=3)
     plain, ramped = (
-        stage.perform(PretrainedReward(stage.task, {}, stage.pool, network, target, ramp), still)
-        for ramp in ("none", "quadratic")
+        stage.perform(PretrainedReward(stage.timing, network, target, ramp), still) for ramp in ("none", "quadratic")
     )
     j = np.arange(6) ** 2
     np.testing.assert_allclose(ramped, plain * (j / j.mean())[1:], rtol=1e-6)

@@ -1,7 +1,5 @@
 """The reward as a squared distance of some few numbers: the same reward where those numbers tell all."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 import torch
@@ -22,7 +20,7 @@ def made(stage, squares, ramp="none", **options):
     videos = squares(row=4)
     examples = flat(videos.reshape(-1, *videos.shape[2:]))
     target = flat(videos.mean(axis=0))
-    return ProjectedTrackingReward(stage.task, {}, stage.pool, flat, target, examples, ramp, **options), videos, target
+    return ProjectedTrackingReward(stage.timing, flat, target, examples, ramp, **options), videos, target
 
 
 @pytest.mark.parametrize("ramp", ["none", "quadratic"])
@@ -33,13 +31,12 @@ def test_following_the_target_returns_more_and_returns_are_the_cost(stage, squar
     still[:] = videos[:, :1]
     followed, stood = stage.perform(reward, videos), stage.perform(reward, still)
     assert (followed.sum(axis=1) > 0.2 * stood.sum(axis=1)).all()
-    steps, seen = stage.task.control_steps, []
-    stage.pool.frames = still[:, 0]
-    seen.append(reward.tracked(0, SimpleNamespace(qpos=np.zeros((len(still), 1))), {}))
+    steps, seen = stage.timing.control_steps, []
+    seen.append(reward.tracked(stage.moment(0, still[:, 0])))
     for step in range(1, steps + 1):
-        stage.pool.frames = still[:, min(step // 2, 5)]
-        reward(step, SimpleNamespace(qpos=np.zeros((len(still), 1))), None, {})
-        seen.append(reward.tracked(step, None, {}))
+        moment = stage.moment(step, still[:, min(step // 2, 5)])
+        reward(moment, None)
+        seen.append(reward.tracked(moment))
     apart = np.square(np.stack(seen, axis=1) - reward.targets).sum(axis=2)
     np.testing.assert_allclose(-0.5 * (reward.cost_weights * apart).sum(axis=1), stood.sum(axis=1))
     assert not reward.cost_weights[[0, 1, 3, steps]].any(), "the first frame, and steps without one, cost nothing"

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import torch
 
+from stages.environments.simulated import Camera, SimulatedMoment
+from stages.environments.timing import Timing
 from stages.rewards.state import OracleReward
 from stages.rewards.tracking import TrackingTarget, gaussian, motion
 from stages.rewards.translation import BatchTranslationReward
@@ -38,32 +40,41 @@ def at_rest(qpos):
 
 
 def make(scene, **options):
-    task, context, _, frames, pool = scene
+    task, _, _, frames, _ = scene
     with torch.random.fork_rng():
         torch.manual_seed(0)
         model = CompactTranslator((48, 48), 16, 8, 16, 16).requires_grad_(False)
     images = to_images(torch.from_numpy(frames))
     features = model.encode(images)
     target = TrackingTarget(features, images, float(motion(features[None])), float(motion(images[None])))
-    return BatchTranslationReward(task, context, model, target, pool, **options), model, target
+    return (
+        BatchTranslationReward(Timing.regular(task.control_steps, task.frame_every), model, target, **options),
+        model,
+        target,
+    )
 
 
-def episode(reward, task, qpos):
+def moment(scene, step, state):
+    task, context, _, _, pool = scene
+    return SimulatedMoment(step, state, context, np.zeros((len(state.qpos), 1)), Camera(task, context, pool))
+
+
+def episode(reward, scene, qpos):
     """Rewards (50, n) along frames' joint angles (T, 3), given to a batch of two equal simulations."""
-    got = []
+    task, got = scene[0], []
     for step in range(1, task.control_steps + 1):
         at = qpos[min(step // task.frame_every, task.frames - 1)]
         state = at_rest(np.tile(at, (2, 1)))
-        got.append(reward(step, state, np.zeros((2, 3)), {}))
+        got.append(reward(moment(scene, step, state), np.zeros((2, 3))))
     return np.stack(got)
 
 
 def test_following_the_target_returns_nothing_and_standing_still_minus_one_a_term(scene):
     task, _, qpos, _, _ = scene
     reward, _, _ = make(scene)
-    np.testing.assert_allclose(episode(reward, task, qpos), 0.0, atol=1e-6)
+    np.testing.assert_allclose(episode(reward, scene, qpos), 0.0, atol=1e-6)
     reward.terms()
-    still = episode(reward, task, np.tile(qpos[0], (task.frames, 1)))
+    still = episode(reward, scene, np.tile(qpos[0], (task.frames, 1)))
     np.testing.assert_allclose(still.sum(axis=0), -2.0, rtol=1e-4)
     terms = reward.terms()
     assert terms["feat"] == pytest.approx(-1.0, rel=1e-4)
@@ -75,7 +86,9 @@ def test_reward_equals_its_definition_at_one_frame(scene):
     _, _, qpos, frames, _ = scene
     reward, model, target = make(scene, image_weight=0.25)
     state = at_rest(qpos[None, 3])
-    got = reward(20, state, np.zeros((1, 3)), {})  # frame 10, while the arm is where the target was at frame 3
+    got = reward(
+        moment(scene, 20, state), np.zeros((1, 3))
+    )  # frame 10, while the arm is where the target was at frame 3
     image = to_images(torch.from_numpy(frames[3]))
     feat = (model.encode(image[None])[0] - target.features[10]).square().sum() / target.feature_scale
     img = (image - target.images[10]).square().sum() / target.image_scale
@@ -85,7 +98,7 @@ def test_reward_equals_its_definition_at_one_frame(scene):
 def test_only_steps_that_a_frame_shows_are_rewarded(scene):
     task, _, qpos, _, _ = scene
     reward, _, _ = make(scene)
-    still = episode(reward, task, np.tile(qpos[0], (task.frames, 1)))
+    still = episode(reward, scene, np.tile(qpos[0], (task.frames, 1)))
     rewarded = np.flatnonzero(np.abs(still[:, 0]) > 0) + 1  # control steps, counted from 1
     assert set(rewarded) <= set(range(2, 50, 2))
     assert 48 in rewarded
@@ -95,7 +108,7 @@ def test_only_steps_that_a_frame_shows_are_rewarded(scene):
 def test_a_term_can_be_left_out(scene, without, left):
     task, _, qpos, _, _ = scene
     reward, _, _ = make(scene, without=(without,))
-    still = episode(reward, task, np.tile(qpos[0], (task.frames, 1)))
+    still = episode(reward, scene, np.tile(qpos[0], (task.frames, 1)))
     np.testing.assert_allclose(still.sum(axis=0), -1.0, rtol=1e-4)
     assert set(reward.terms()) == {left, "return"}
 
@@ -105,7 +118,7 @@ def test_the_quadratic_ramp_weights_late_frames_and_keeps_the_mean(scene):
     plain, _, _ = make(scene)
     ramped, _, _ = make(scene, ramp="quadratic")
     path = np.tile(qpos[0], (task.frames, 1))
-    ratio = episode(ramped, task, path)[1::2][:24, 0] / episode(plain, task, path)[1::2][:24, 0]
+    ratio = episode(ramped, scene, path)[1::2][:24, 0] / episode(plain, scene, path)[1::2][:24, 0]
     j = np.arange(1, 25)
     np.testing.assert_allclose(ratio, j**2 / np.mean(np.arange(25) ** 2), rtol=1e-5)
 
@@ -116,12 +129,13 @@ def test_the_oracle_rewards_the_final_distance_alone():
     reward = OracleReward(task)
     goal = np.concatenate([contexts["goal"], np.zeros((3, 1))], axis=1)[:, None]
 
-    def at(offset):
-        return dataclasses.replace(at_rest(np.zeros((3, 3))), site_xpos=goal + np.array([offset, 0, 0]))
+    def at(step, offset):
+        state = dataclasses.replace(at_rest(np.zeros((3, 3))), site_xpos=goal + np.array([offset, 0, 0]))
+        return SimulatedMoment(step, state, contexts, np.zeros((3, 1)))
 
-    np.testing.assert_array_equal(reward(1, at(0.8), np.zeros((3, 3)), contexts), 0.0)
-    np.testing.assert_array_equal(reward(49, at(0.5), np.zeros((3, 3)), contexts), 0.0)
-    np.testing.assert_allclose(reward(50, at(0.2), np.zeros((3, 3)), contexts), -0.25)
+    np.testing.assert_array_equal(reward(at(1, 0.8), np.zeros((3, 3))), 0.0)
+    np.testing.assert_array_equal(reward(at(49, 0.5), np.zeros((3, 3))), 0.0)
+    np.testing.assert_allclose(reward(at(50, 0.2), np.zeros((3, 3))), -0.25)
 
 
 def square(column: int) -> torch.Tensor:

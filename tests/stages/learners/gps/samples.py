@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from stages.config.stages import LearnerConfig
-from stages.learners.environment import EpisodeEnv
+from stages.environments.simulated import SimulatedEnvironment
 from stages.rewards.state import GoalReward
 from stages.simulation.contexts import DISTRIBUTIONS, repeat
 from stages.simulation.tasks.reach import Reach
@@ -22,4 +22,4 @@ def environment(config=CONFIG, task=None, reward=None):
     task = task or Reach()
     context = context_of(task)
     reward = reward or GoalReward(task, context)
-    return EpisodeEnv(task, config.episodes, 0, lambda rng, n: repeat(context, n), reward, nthread=1)
+    return SimulatedEnvironment(task, config.episodes, 0, lambda rng, n: repeat(context, n), reward, nthread=1)

@@ -8,8 +8,8 @@ import pytest
 from artifacts import ArtifactError, UsageError, read_artifact, write_artifact
 from stages.config.presets import defaults
 from stages.config.stages import PolicyConfig
+from stages.environments.simulated import SimulatedEnvironment
 from stages.learners.algorithms import make_learner
-from stages.learners.environment import EpisodeEnv
 from stages.learners.gps.controller import LinearGaussianController
 from stages.learners.gps.gps import STEP_CHANGE, Search, improve, iterate, step_change
 from stages.learners.gps.learner import EXPLORATION
@@ -110,7 +110,7 @@ def test_a_can_is_pushed_within_the_limits_of_the_motors():
     config = defaults("quick", "learn-policy", "push-real", "gps")
     config = dataclasses.replace(config, learner="gps", iterations=12)
     context = learner_context(task, 0, DISTRIBUTIONS["paper"])
-    env = EpisodeEnv(task, 10, 0, lambda rng, n: repeat(context, n), GoalReward(task, context), nthread=1)
+    env = SimulatedEnvironment(task, 10, 0, lambda rng, n: repeat(context, n), GoalReward(task, context), nthread=1)
     model = make_learner(config, env, 0)
     for _ in range(config.iterations):
         model.learn(0)
@@ -176,9 +176,9 @@ def test_errors_of_tasks_have_the_distance_as_norm(name):
     """Their first part, that is, at the start; in sweep ball by ball."""
     task = make_task(name)
     contexts = repeat(context_of(task), 4)
-    env = EpisodeEnv(task, 4, 0, lambda rng, n: contexts, OracleReward(task), nthread=1)
+    env = SimulatedEnvironment(task, 4, 0, lambda rng, n: contexts, OracleReward(task), nthread=1)
     env.reset()
-    error, distance = task.goal_error(env.state, contexts), task.distance(env.state, contexts)
+    error, distance = task.goal_error(env.moment.state, contexts), task.distance(env.moment.state, contexts)
     if name == "sweep":
         np.testing.assert_allclose(np.linalg.norm(error.reshape(4, 5, 2), axis=2).mean(axis=1), distance)
     else:

@@ -9,8 +9,11 @@ import pytest
 
 from artifacts import UsageError, pack, unpack
 from stages.config.stages import LearnerConfig, PolicyConfig
+from stages.environments.protocol import Environment
+from stages.environments.simulated import SimulatedMoment, ends_with_clock
+from stages.environments.timing import Timing
 from stages.learners.gps import learner as module
-from stages.learners.gps.learner import GuidedPolicySearch, ends_with_clock
+from stages.learners.gps.learner import GuidedPolicySearch
 from stages.learners.gps.lqr import QuadraticCost, on_part
 from stages.runtime.seeding import generator
 from stages.simulation.task import State
@@ -40,42 +43,49 @@ class Place:
         self.cost_weights = np.linspace(0.5, 2.0, STEPS + 1)
         self.finer, self.frame_period, self.asked = finer, period, []
 
-    def tracked(self, step, state, contexts):
-        self.asked.append(step)
-        return state.qpos[:, : self.targets.shape[1]]
+    def tracked(self, moment):
+        self.asked.append(moment.step)
+        return moment.state.qpos[:, : self.targets.shape[1]]
 
-    def __call__(self, *given):
-        raise AssertionError("the environment asks for it")
+    def __call__(self, moment, action):
+        return np.zeros(N)
 
-    terms = iterate = state = restore = close = __call__
+    def unasked(self, *given):
+        raise AssertionError("nobody asks for it")
+
+    terms = iterate = state = restore = close = unasked
 
 
-class MassEnv:
+class MassEnv(Environment):
     """Five masses pushed about; every episode begins elsewhere."""
 
     def __init__(self, reward, task=None):
-        self.task, self.reward = task or Mass(), reward
-        self.num_envs, self.observation_size, self.contexts = N, 5, {}
-        self.episode = 0
-        self.reset()
-        self.final, self.acted = self.state, []
-        self.episode = 0
+        self.task, self.acted = task or Mass(), []
+        timing = Timing.regular(self.task.control_steps, 1)
+        super().__init__(self.task.name, N, timing, reward, self.task.action_size)
 
-    def reset(self):
-        self._rng = np.random.default_rng(self.episode)
-        self.state = state(0.1 * self._rng.normal(size=(N, 2)), np.zeros((N, 2)), 0.0)
-        self.episode += 1
+    @property
+    def has_clock(self):
+        return ends_with_clock(self.task, self.moment.state)
 
-    def step(self, actions):
+    def begin(self):
+        rng = np.random.default_rng(self.episode)
+        return self.after(0, state(0.1 * rng.normal(size=(N, 2)), np.zeros((N, 2)), 0.0))
+
+    def advance(self, actions):
         self.acted.append(actions)
-        time = self.state.time[0] + 0.1
-        qvel = self.state.qvel + 0.3 * np.clip(actions, -1, 1)
-        self.state = state(self.state.qpos + 0.3 * qvel, qvel, time)
-        done = np.full(N, len(self.acted) % STEPS == 0)
-        if done[0]:
-            self.final = self.state
-            self.reset()
-        return None, None, done, None
+        before = self.moment.state
+        qvel = before.qvel + 0.3 * np.clip(actions, -1, 1)
+        return self.after(self.moment.step + 1, state(before.qpos + 0.3 * qvel, qvel, before.time[0] + 0.1))
+
+    def after(self, step, state):
+        return SimulatedMoment(step, state, {}, self.task.observe(state))
+
+    def record(self):
+        pass
+
+    def pop_figures(self):
+        return {}
 
 
 def make(config=CONFIG, reward=None, seed=4, **attributes):
@@ -84,7 +94,7 @@ def make(config=CONFIG, reward=None, seed=4, **attributes):
 
 def standing_still(reward, env):
     """What it costs per step to stay where the environment is."""
-    seen = env.state.qpos[:, : reward.targets.shape[1]].mean(axis=0)
+    seen = env.moment.state.qpos[:, : reward.targets.shape[1]].mean(axis=0)
     return np.mean(
         [0.5 * w * np.square(goal - seen).sum() for w, goal in zip(reward.cost_weights, reward.targets, strict=True)]
     )
@@ -123,8 +133,8 @@ def test_rollouts_are_observations_without_the_clock_beside_what_is_tracked():
         np.testing.assert_array_equal(model.env.acted[step], actions[:, step])
     start = 0.1 * np.random.default_rng(0).normal(size=(N, 2))
     np.testing.assert_allclose(states[:, 0], np.concatenate([start, np.zeros((N, 2)), start[:, :1]], axis=1))
-    np.testing.assert_array_equal(states[:, -1, :2], model.env.final.qpos)
-    np.testing.assert_array_equal(states[:, -1, 4], model.env.final.qpos[:, 0])
+    np.testing.assert_array_equal(states[:, -1, :2], model.env.last.state.qpos)
+    np.testing.assert_array_equal(states[:, -1, 4], model.env.last.state.qpos[:, 0])
     again, _ = model.rollouts(np.random.default_rng(1))
     np.testing.assert_array_equal(
         again[:, 0, :2], 0.1 * np.random.default_rng(1).normal(size=(N, 2)), "the next episode"
@@ -263,7 +273,7 @@ def test_a_restored_learner_goes_on_bit_for_bit(done, starts):
     for one, other in ((whole.own, resumed.own), (whole.controller, resumed.controller)):
         for name, values in one.arrays().items():
             np.testing.assert_array_equal(values, other.arrays()[name])
-    np.testing.assert_array_equal(whole.env.state.qpos, resumed.env.state.qpos)
+    np.testing.assert_array_equal(whole.env.moment.state.qpos, resumed.env.moment.state.qpos)
 
 
 def test_refusals_name_the_task_and_what_to_do():

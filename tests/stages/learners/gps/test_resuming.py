@@ -61,8 +61,8 @@ class Coarse(GoalReward):
         self.finer = GoalReward(task, contexts)
         self.targets = self.targets[:, :-1]
 
-    def tracked(self, step, state, contexts):
-        return super().tracked(step, state, contexts)[:, :-1]
+    def tracked(self, moment):
+        return super().tracked(moment)[:, :-1]
 
 
 def test_the_finer_target_is_tracked_after_a_third_of_the_iterations():
@@ -144,7 +144,7 @@ def test_an_interrupted_run_resumes_from_its_checkpoint_with_the_same_curve(tmp_
     step, taken = env.step_wait, itertools.count(1)
 
     def stopping():
-        if next(taken) > 3 * env.task.control_steps:
+        if next(taken) > 3 * env.timing.control_steps:
             raise KeyboardInterrupt
         return step()
 

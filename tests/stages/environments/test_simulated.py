@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stages.learners.environment import EpisodeEnv
+from stages.environments.simulated import SimulatedEnvironment
 from stages.simulation.batch import BatchSimulation
 from stages.simulation.contexts import DISTRIBUTIONS, repeat
 from stages.simulation.tasks.reach import Reach
@@ -17,11 +17,12 @@ class Recorded:
     def __init__(self):
         self.steps, self.states, self.actions, self.closed = [], [], [], False
 
-    def __call__(self, step, state, action, contexts):
-        self.steps.append(step)
-        self.states.append(state)
+    def __call__(self, moment, action):
+        self.steps.append(moment.step)
+        self.states.append(moment.state)
+        assert moment.observation.shape[0] == N
         self.actions.append(action)
-        return np.arange(N) - 0.1 * step
+        return np.arange(N) - 0.1 * moment.step
 
     def close(self):
         self.closed = True
@@ -36,7 +37,7 @@ def make():
         for name, value in {"control_steps": 4, **attributes}.items():
             setattr(task, name, value)
         context = task.draw_contexts(np.random.default_rng(3), 1, DISTRIBUTIONS["paper"])
-        return EpisodeEnv(task, N, seed, lambda rng, n: repeat(context, n), Recorded(), expert, nthread=1)
+        return SimulatedEnvironment(task, N, seed, lambda rng, n: repeat(context, n), Recorded(), expert, nthread=1)
 
     return environment
 
@@ -80,9 +81,9 @@ def test_an_episode_that_ended_hands_over_its_last_observation_and_starts_the_ne
     assert env.episode == 1
     observed, _, _, infos = play(env)[-1]
     assert env.episode == 2
-    np.testing.assert_array_equal([info["terminal_observation"] for info in infos], env.task.observe(env.final))
-    np.testing.assert_array_equal(observed, env.task.observe(env.state))
-    assert env.state.time.max() == 0 and env.final.time.min() > 0
+    np.testing.assert_array_equal([info["terminal_observation"] for info in infos], env.task.observe(env.last.state))
+    np.testing.assert_array_equal(observed, env.task.observe(env.moment.state))
+    assert env.moment.state.time.max() == 0 and env.last.state.time.min() > 0
     assert not np.array_equal(observed, first), "another episode starts in another state"
     again = make()
     again.episode = 1
@@ -107,10 +108,10 @@ def test_what_the_learner_is_paid_is_what_the_reward_says_of_every_step(make):
 
 def play_alone(env):
     """Joint positions where the first episode ends."""
-    again = EpisodeEnv(env.task, N, 0, env._draw_contexts, Recorded(), nthread=1)
+    again = SimulatedEnvironment(env.task, N, 0, env._draw_contexts, Recorded(), nthread=1)
     again.reset()
     simulation = BatchSimulation(env.task, N, 1)
-    simulation.reset(again.state.qpos, again.state.qvel)
+    simulation.reset(again.moment.state.qpos, again.moment.state.qvel)
     for step in range(4):
         state = simulation.step(actions(step))
     return state.qpos[:, :3]
@@ -122,9 +123,9 @@ def test_distances_are_the_outcomes_of_the_episodes_that_ended_since_they_were_a
     env.reset()
     expected = []
     for _ in range(2):
-        start = env.task.distance(env.state, env.contexts)
+        start = env.task.distance(env.moment.state, env.moment.contexts)
         play(env)
-        expected.append(env.task.distance(env.final, env.contexts) / start)
+        expected.append(env.task.distance(env.last.state, env.moment.contexts) / start)
     np.testing.assert_allclose(env.pop_distances(), np.concatenate(expected))
     assert env.pop_distances().shape == (0,)
     play(env, 3)
@@ -141,12 +142,12 @@ def test_the_outcome_is_what_the_task_makes_of_all_distances(make):
 
     task = Nearest()
     context = task.draw_contexts(np.random.default_rng(3), 1, DISTRIBUTIONS["paper"])
-    env = EpisodeEnv(task, N, 0, lambda rng, n: repeat(context, n), Recorded(), nthread=1)
+    env = SimulatedEnvironment(task, N, 0, lambda rng, n: repeat(context, n), Recorded(), nthread=1)
     env.reset()
-    least = task.distance(env.state, env.contexts)
+    least = task.distance(env.moment.state, env.moment.contexts)
     for step in range(4):
         env.step(actions(step))
-        least = np.minimum(least, task.distance(env.final if step == 3 else env.state, env.contexts))
+        least = np.minimum(least, task.distance((env.last if step == 3 else env.moment).state, env.moment.contexts))
     np.testing.assert_allclose(env.pop_distances(), least / 2)
 
 
@@ -154,7 +155,9 @@ def test_an_expert_sees_more_than_a_learner(make):
     learner, expert = make(), make(expert=True)
     assert expert.observation_size > learner.observation_size
     assert expert.observation_space.shape == (expert.observation_size,)
-    np.testing.assert_array_equal(expert.reset(), expert.task.observe_expert(expert.state, expert.contexts))
+    np.testing.assert_array_equal(
+        expert.reset(), expert.task.observe_expert(expert.moment.state, expert.moment.contexts)
+    )
     assert learner.action_space.shape == (3,) and learner.num_envs == N
     assert (learner.action_space.low == -1).all() and (learner.action_space.high == 1).all()
 

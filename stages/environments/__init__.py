@@ -1,0 +1,1 @@
+"""What a learner lives in, behind one protocol: the batched simulation, or any Gymnasium environment."""
