@@ -7,11 +7,25 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 Text = Annotated[str, Field(max_length=1000)]
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Size = Annotated[int, Field(ge=1, lt=2**31)]
+
+
+class EnvironmentConfiguration(BaseModel):
+    """The Gymnasium environment that a learner lives in."""
+
+    model_config = ConfigDict(strict=True, extra="forbid")
+
+    name: Annotated[str, Field(min_length=1, max_length=1000)]
+    kwargs: Annotated[dict[Text, JsonValue], Field(max_length=100)]
+    seed: Annotated[int, Field(ge=0, lt=2**32)]
+    control_steps: Annotated[int, Field(ge=1, le=1_000_000)]
+    frames: Annotated[int, Field(ge=2, le=1_000_000)]
+    size: Annotated[list[Size], Field(min_length=2, max_length=2)]
+    crop: Annotated[list[Count], Field(min_length=4, max_length=4)] | None
 
 
 class Configuration(BaseModel):
@@ -25,6 +39,7 @@ class Configuration(BaseModel):
     contexts: Text = ""
     vary: Text = ""
     context_seed: Annotated[int, Field(ge=-1, lt=2**128)] = -1
+    environment: EnvironmentConfiguration | None = None
 
 
 class LearnedConfiguration(Configuration):

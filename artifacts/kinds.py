@@ -115,7 +115,7 @@ _WEIGHTS = {"weights/*": DatasetSpec(None, ("f", "i", "u", "b"), finite=True)}
 _METRIC, _CURVE = DatasetSpec((), ("f",)), DatasetSpec(("I",), ("f",))
 _CONTEXT = DatasetSpec(finite=True)
 _SCALE = DatasetSpec((), ("f",), finite=True)
-_DISTANCE = DatasetSpec(("R", "E"), ("f",), least=1)
+_OUTCOME = DatasetSpec(("R", "E"), ("f",), least=1)
 
 KINDS: dict[str, KindSpec] = {
     "expert": KindSpec(SCHEMA, _WEIGHTS, config=LearnedConfiguration),
@@ -151,17 +151,26 @@ KINDS: dict[str, KindSpec] = {
         _WEIGHTS,
         {
             "contexts/*": _CONTEXT,
-            **dict.fromkeys(("curve/samples", "curve/seconds", "curve/normalised_distance"), replace(_CURVE, least=1)),
+            **dict.fromkeys(
+                ("curve/samples", "curve/seconds", "curve/normalised_distance", "curve/env_return", "curve/success"),
+                replace(_CURVE, least=1),
+            ),
         },
         LearnedConfiguration,
     ),
     "evaluation": KindSpec(
         SCHEMA,
-        {"final_distance": _DISTANCE},
+        {},
         {
-            **dict.fromkeys(("initial_distance", "normalised_distance"), _DISTANCE),
-            **dict.fromkeys(("final_distance_stochastic", "normalised_distance_stochastic"), _DISTANCE),
-            **dict.fromkeys(("curve/samples", "curve/normalised_distance"), DatasetSpec(("R", "I"), ("f",))),
+            # Of a simulated task.
+            **dict.fromkeys(("initial_distance", "final_distance", "normalised_distance"), _OUTCOME),
+            **dict.fromkeys(("final_distance_stochastic", "normalised_distance_stochastic"), _OUTCOME),
+            # Of a Gymnasium environment; success only if it reports it.
+            **dict.fromkeys(("env_return", "env_return_stochastic", "success", "success_stochastic"), _OUTCOME),
+            **dict.fromkeys(
+                ("curve/samples", "curve/normalised_distance", "curve/env_return", "curve/success"),
+                DatasetSpec(("R", "I"), ("f",)),
+            ),
         },
     ),
     "checkpoint": KindSpec(SCHEMA, optional={"tree": DatasetSpec(("L",), ("uint8",))}),

@@ -13,7 +13,6 @@ from artifacts import (
     UsageError,
     default_path,
     read_artifact,
-    read_png,
     sha256_of,
     sibling,
     stem_of,
@@ -21,6 +20,7 @@ from artifacts import (
     write_mp4,
 )
 from artifacts.atomic import write_bytes
+from stages.config.environments import permission_needed
 from stages.config.presets import defaults
 from stages.config.stages import TranslateConfig
 from stages.runtime.devices import pick_device, pick_workers
@@ -47,12 +47,14 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     """
     import torch
 
+    from stages.environments.scene import first_scene, image_scene
     from stages.reporting.plots import plot_quality
     from stages.rewards.quality import shown_tau
     from stages.rewards.tracking import motion
+    from stages.rewards.trial import try_environment
     from stages.runtime.devices import use_threads
     from stages.simulation.gl import choose_backend
-    from stages.simulation.registry import known_defaults
+    from stages.simulation.registry import file_name, known_defaults
     from stages.translation.alignment import at_index, common_index, require_tslearn
     from stages.translation.networks import load_translator, to_frames, to_images
 
@@ -65,8 +67,11 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     if align == "dtw":
         require_tslearn()
     _check_demonstrations(source, demos)
-    model = load_translator(source, device)
-    where = Path(config.context_image).stem if config.context_image else f"c{config.context_seed}"
+    model, size = load_translator(source, device), source.config["size"]
+    if config.env:
+        where = f"{file_name(config.env)}-e{config.env_seed}"
+    else:
+        where = Path(config.context_image).stem if config.context_image else f"c{config.context_seed}"
     task_name = str(source.config.get("task") or "")
     usual = defaults(run.preset, "translate", task_name, own=known_defaults(task_name))
     tags = name_tags(config, usual, run, source.manifest.seed, source.config.get("preset", run.preset))
@@ -74,8 +79,14 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     output = Output.of(out, "translation", "translate", config, run, [source], _image_digest(config))
     if kept := output.kept():
         return kept
-    if config.context_image:
-        contexts, frame, expert = None, _read_context(config.context_image, tuple(source.config["size"])), None
+    contexts, expert, spec = None, None, None
+    if config.env:
+        spec, frame = first_scene(config, demos.describe()["frames"][0][1], (size[0], size[1]))
+        run.progress.say(f"context: {spec.name}, seed {spec.seed}, episodes of {spec.control_steps} steps")
+        if note := permission_needed(spec.name, spec.kwargs):
+            run.progress.say(note)
+    elif config.context_image:
+        frame = image_scene(config, (size[0], size[1]))
     else:
         choose_backend()
         contexts, frame, expert = _simulate_context(config, demos, run)
@@ -139,9 +150,16 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
         write_bytes(plot, plot_quality(quality.curves))
     else:
         plot.unlink(missing_ok=True)  # A leftover of an earlier translation.
+    if spec is not None:
+        trial = try_environment(spec, model, arrays, run.preset, run.seed, device)
+        metrics |= trial.metrics
+        for line in trial.lines():
+            run.progress.say(line)
     described = full_config("translate", config, run, task=source.config.get("task"))
     described["align"] = align
-    described["contexts"], described["vary"] = ("", "") if config.context_image else _contexts_of(config, demos)
+    described["contexts"], described["vary"] = ("", "") if contexts is None else _contexts_of(config, demos)
+    if spec is not None:
+        described["environment"] = spec.described()
     mean = np.clip(arrays["target_images"], 0, 255).round().astype(np.uint8)
     rows = [[frames[k], frame, arrays["images"][k]] for k in range(min(SHOWN, len(frames)))]
     rows.append([np.zeros_like(frames[0]), frame, mean])
@@ -182,17 +200,6 @@ def _image_digest(config: TranslateConfig) -> dict[str, str]:
         return {"context_image_sha256": sha256_of(config.context_image)}
     except ArtifactError as error:
         raise UsageError(f"--context-image {error}") from error
-
-
-def _read_context(path: str, size: tuple[int, ...]) -> np.ndarray:
-    """Read the context frame from a PNG, which must have the translator's frame size."""
-    image = read_png(path)
-    if image.shape[:2] != size:
-        height, width = size
-        raise UsageError(
-            f"--context-image {path}: {image.shape[1]}x{image.shape[0]} pixels, expected {width}x{height}: resize it"
-        )
-    return image
 
 
 def _simulate_context(

@@ -20,6 +20,7 @@ ADVERSARIAL_REWARDS = ("gail", "tpil")
 TRACKED_REWARDS = ("translation", "video", "oracle", "joints", "pretrained")  # are squared distances, which gps needs
 RAMPED_REWARDS = ("translation", "video", "joints", "pretrained")  # are weighted over time
 NETWORK_REWARDS = ("translation", "video", "pretrained", "gail", "tpil")  # use networks, on --device
+FOREIGN_REWARDS = ("translation", "pretrained", "gail", "oracle")  # need no simulated task
 REWARD_TERMS = ("feat", "img")
 RAMPS = ("task", "none", "quadratic")
 LEARNERS = ("trpo", "ppo", "sac")

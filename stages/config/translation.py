@@ -8,12 +8,15 @@ from typing import ClassVar
 
 from artifacts.errors import UsageError
 from stages.config.contexts import check_contexts
-from stages.config.fields import Config, Not, option
+from stages.config.demonstrations import parse_crop
+from stages.config.environments import parse_kwargs
+from stages.config.fields import Config, Not, Only, option
 from stages.config.names import ALIGNMENTS, ARCHITECTURES, CONTEXTS, KEPT_WEIGHTS, LOSSES, SCHEDULES, SPLITS
 
 TRAINS = Not("steps", 0)
 RECONSTRUCTS = (TRAINS, Not("without", "rec"))
-IN_SIMULATION = (Not("context_image"),)
+IN_SIMULATION = (Not("context_image"), Not("env"))
+IN_ENVIRONMENT = (Only("env"),)
 
 
 @dataclass(frozen=True)
@@ -144,10 +147,49 @@ class TranslateConfig(Config):
     context_image: str = option(
         "",
         "PNG of the learner's context, instead of a simulated context. Only for inspecting the translation: "
-        "learn-policy needs a simulated context.",
+        "learn-policy needs a simulated context or an environment.",
         metavar="PATH",
+    )
+    env: str = option(
+        "",
+        "Gymnasium environment to learn in, instead of a simulated context: an ID (Reacher-v5), PACKAGE:ID where "
+        "importing a package registers it, or MODULE:ATTR, a function that returns an environment. Its first image is "
+        "the learner's context.",
+        metavar="ID",
+    )
+    env_kwargs: tuple[str, ...] = option(
+        (), "Keyword argument of the environment, KEY=VALUE (repeatable).", effect=IN_ENVIRONMENT, off=()
+    )
+    env_seed: int = option(
+        0,
+        "Seed with which the environment is reset in every episode; it selects the learner's context.",
+        low=0,
+        high=2**32 - 1,
+        effect=IN_ENVIRONMENT,
+    )
+    episode_steps: int = option(
+        0,
+        "Steps per episode, over which the target's frames are spread evenly (0: the environment's own limit).",
+        low=0,
+        high=1_000_000,
+        effect=IN_ENVIRONMENT,
+        off=0,
+        tag="steps",
+    )
+    crop: str = option(
+        "",
+        "Part of the image of --context-image or --env that is reduced to the size of the demonstrations' frames, "
+        "X,Y,W,H in pixels (default: all of it).",
+        metavar="X,Y,W,H",
     )
 
     def check_together(self) -> None:
         """See `Config.check_together`."""
         check_contexts(self.contexts, self.vary)
+        if self.env and self.context_image:
+            raise UsageError("--env and --context-image are two contexts of the learner: leave one of the two out")
+        if self.crop and not (self.env or self.context_image):
+            raise UsageError("--crop has no effect without --env or --context-image: leave it out")
+        if self.crop:
+            parse_crop(self.crop)
+        parse_kwargs(self.env_kwargs)

@@ -24,20 +24,37 @@ def figures(deterministic: np.ndarray, stochastic: np.ndarray, threshold: float)
     succeeded = stochastic.mean(axis=1) < threshold
     ended_near = deterministic < threshold
 
-    def interval(values: np.ndarray) -> tuple[float, float]:
-        return bootstrap_mean(values.mean(axis=1) if len(values) > 1 else values[0])
-
     return {
-        "runs": len(deterministic),
-        "resampled": "runs" if len(deterministic) > 1 else "episodes",
+        **_resampled(deterministic),
         "normalised_distance": float(deterministic.mean()),
-        "normalised_distance_interval": interval(deterministic),
+        "normalised_distance_interval": _interval(deterministic),
         "normalised_distance_stochastic": float(stochastic.mean()),
-        "normalised_distance_stochastic_interval": interval(stochastic),
+        "normalised_distance_stochastic_interval": _interval(stochastic),
         "per_run_distance": [float(value) for value in stochastic.mean(axis=1)],
         "succeeded": int(succeeded.sum()),
         "success_paper": float(succeeded.mean()),
         "success_paper_interval": wilson(int(succeeded.sum()), len(succeeded)),
         "success_deterministic": float(ended_near.mean()),
-        "success_deterministic_interval": interval(ended_near),
+        "success_deterministic_interval": _interval(ended_near),
     }
+
+
+def means(outcomes: dict[str, np.ndarray]) -> dict[str, Any]:
+    """Mean of each outcome (R, E) of R runs with E episodes, with its 95% interval, which the bootstrap gives.
+
+    Args:
+        outcomes: Outcomes by name.
+    """
+    found = _resampled(next(iter(outcomes.values())))
+    for name, values in outcomes.items():
+        found |= {name: float(values.mean()), f"{name}_interval": _interval(values)}
+        found[f"per_run_{name}"] = [float(value) for value in values.mean(axis=1)]
+    return found
+
+
+def _resampled(outcomes: np.ndarray) -> dict[str, Any]:
+    return {"runs": len(outcomes), "resampled": "runs" if len(outcomes) > 1 else "episodes"}
+
+
+def _interval(values: np.ndarray) -> tuple[float, float]:
+    return bootstrap_mean(values.mean(axis=1) if len(values) > 1 else values[0])

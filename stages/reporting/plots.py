@@ -151,15 +151,28 @@ def _png(figure: Any) -> bytes:
     return drawn.getvalue()
 
 
-def plot_learning_curves(policies: Sequence[Artifact], threshold: float) -> bytes:
-    """A PNG of policies' learning curves: normalized final distance over samples, one line per policy."""
+def plot_learning_curves(
+    policies: Sequence[Artifact],
+    threshold: float | None,
+    curve: str = "normalised_distance",
+    label: str = "final distance / initial distance",
+) -> bytes:
+    """A PNG of policies' learning curves over samples, one line per policy.
+
+    Args:
+        policies: The policies.
+        threshold: Value below which a run succeeds; None: there is none.
+        curve: Name of the curve.
+        label: Label of its axis.
+    """
     pyplot = _pyplot()
     figure, axes = pyplot.subplots(figsize=(7, 4.5), dpi=120)
     for policy in policies:
-        label = f"{stem_of(policy.path)} ({policy.config['reward']})"
-        axes.plot(policy["curve/samples"], policy["curve/normalised_distance"], label=_plain(label))
-    axes.axhline(threshold, color="grey", linestyle="--", linewidth=1, label=f"success below {threshold}")
-    axes.set(xlabel="samples", ylabel="final distance / initial distance", ylim=(0, None))
+        shown = f"{stem_of(policy.path)} ({policy.config['reward']})"
+        axes.plot(policy["curve/samples"], policy[f"curve/{curve}"], label=_plain(shown))
+    if threshold is not None:
+        axes.axhline(threshold, color="grey", linestyle="--", linewidth=1, label=f"success below {threshold}")
+    axes.set(xlabel="samples", ylabel=label, **({} if threshold is None else {"ylim": (0, None)}))
     axes.legend(fontsize=7)
     return _png(figure)
 

@@ -1,0 +1,74 @@
+"""Gymnasium environments as options name them, and permission for artifacts to name them. Light imports only."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from artifacts.errors import UsageError
+
+TRUSTED = "IFO_ENVS"  # environment variable: comma-separated list of environments whose code artifacts may name
+
+
+def parse_kwargs(words: Sequence[str]) -> dict[str, Any]:
+    """Return the keyword arguments given by `--env-kwargs KEY=VALUE`; a value is JSON, or else text.
+
+    Raises:
+        UsageError: A word has no key, or a key occurs twice.
+    """
+    kwargs: dict[str, Any] = {}
+    for word in words:
+        key, equals, text = word.partition("=")
+        if not equals or not key.isidentifier():
+            raise UsageError(f"--env-kwargs {word}: expected KEY=VALUE, for example width=96")
+        if key in kwargs:
+            raise UsageError(f"--env-kwargs {word}: {key} is given twice")
+        kwargs[key] = _value(text)
+    return kwargs
+
+
+def _value(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
+
+
+def refuse_unless_trusted(name: str, kwargs: Mapping[str, Any]) -> None:
+    """Refuse an environment of a file that would import code or open other files, unless the user permits it.
+
+    Raises:
+        UsageError: The name has a module, or an argument may be a path, and the user has not permitted it.
+    """
+    listed = {word.strip() for word in os.environ.get(TRUSTED, "").split(",")}
+    if name in listed:
+        return
+    if ":" in name:
+        raise UsageError(
+            f"the file names environment {name!r}, whose code is imported only with your permission: if you trust it, "
+            f"export {TRUSTED}={name}"
+        )
+    paths = [key for key, value in kwargs.items() if not _is_plain(value)]
+    if paths:
+        raise UsageError(
+            f"the file passes {paths[0]}={kwargs[paths[0]]!r} to environment {name!r}, which may open other files: if "
+            f"you trust it, export {TRUSTED}={name}"
+        )
+
+
+def _is_plain(value: Any) -> bool:
+    """Whether a value cannot be a path: a number, a boolean, a plain word, or a list of these."""
+    if isinstance(value, list):
+        return all(map(_is_plain, value))
+    return not isinstance(value, dict) and (not isinstance(value, str) or value.replace("-", "_").isidentifier())
+
+
+def permission_needed(name: str, kwargs: Mapping[str, Any]) -> str:
+    """Return what the user must do so that later stages can make the environment; empty: nothing."""
+    try:
+        refuse_unless_trusted(name, kwargs)
+    except UsageError:
+        return f"later stages make {name} only with your permission: export {TRUSTED}={name}"
+    return ""

@@ -1,0 +1,81 @@
+"""Which Gymnasium environment a learner lives in: what an artifact records of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from artifacts import Artifact, ArtifactError
+from stages.config.demonstrations import Crop
+from stages.config.environments import refuse_unless_trusted
+from stages.environments.timing import Timing
+
+
+@dataclass(frozen=True)
+class EnvironmentSpec:
+    """A Gymnasium environment, and how its frames are taken.
+
+    Attributes:
+        name: Gymnasium ID, `MODULE:ID`, or `MODULE:ATTR`, a function that returns an environment.
+        kwargs: Keyword arguments of the environment.
+        seed: Seed of every `reset`: it selects the learner's context.
+        control_steps: Steps per episode; an environment that ends earlier stands still in its last frame until then.
+        frames: Number of frames T, spread evenly over the episode.
+        size: Height and width of a frame, pixels.
+        crop: Part of the rendered image that is reduced to `size`; None: all of it.
+    """
+
+    name: str
+    kwargs: Mapping[str, Any] = field(default_factory=dict)
+    seed: int = 0
+    control_steps: int = 0
+    frames: int = 0
+    size: tuple[int, int] = (48, 48)
+    crop: Crop | None = None
+
+    @property
+    def timing(self) -> Timing:
+        """Length of an episode, and its frames."""
+        return Timing.spread(self.control_steps, self.frames)
+
+    def described(self) -> dict[str, Any]:
+        """JSON-ready values, as an artifact records them."""
+        return {
+            "name": self.name,
+            "kwargs": dict(self.kwargs),
+            "seed": self.seed,
+            "control_steps": self.control_steps,
+            "frames": self.frames,
+            "size": list(self.size),
+            "crop": None if self.crop is None else list(self.crop),
+        }
+
+    @classmethod
+    def of(cls, artifact: Artifact) -> EnvironmentSpec | None:
+        """The environment that a translation or policy records; None: it is simulated, or has only an image.
+
+        Raises:
+            ArtifactError: The record contradicts itself.
+            UsageError: The environment is code that may not be imported.
+        """
+        recorded = artifact.config.get("environment")
+        if recorded is None:
+            return None
+        crop = recorded["crop"]
+        spec = cls(
+            recorded["name"],
+            recorded["kwargs"],
+            recorded["seed"],
+            recorded["control_steps"],
+            recorded["frames"],
+            (recorded["size"][0], recorded["size"][1]),
+            None if crop is None else Crop(*crop),
+        )
+        if spec.frames > spec.control_steps + 1:
+            raise ArtifactError(
+                f"{artifact.path}: its configuration has {spec.frames} frames in {spec.control_steps} steps: make it "
+                "again"
+            )
+        refuse_unless_trusted(spec.name, spec.kwargs)
+        return spec
