@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 Text = Annotated[str, Field(max_length=1000)]
 Count = Annotated[int, Field(ge=0, lt=2**63)]
+Finite = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
 Size = Annotated[int, Field(ge=1, lt=2**31)]
 
 
@@ -26,6 +27,7 @@ class EnvironmentConfiguration(BaseModel):
     frames: Annotated[int, Field(ge=2, le=1_000_000)]
     size: Annotated[list[Size], Field(min_length=2, max_length=2)]
     crop: Annotated[list[Count], Field(min_length=4, max_length=4)] | None
+    viewpoint: Annotated[list[Finite], Field(min_length=3, max_length=3)] | None
 
 
 class Configuration(BaseModel):

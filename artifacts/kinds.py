@@ -123,7 +123,10 @@ KINDS: dict[str, KindSpec] = {
         SCHEMA,
         {"frames": DatasetSpec(("N", "T", "H", "W", 3), ("uint8",), least=1)},
         # Simulated demonstrations have distances; imported ones have the time stamps of their frames.
-        {"final_distance": DatasetSpec(("N",), ("f",)), "times": DatasetSpec(("N", "T"), ("f",), finite=True)},
+        {
+            **dict.fromkeys(("final_distance", "env_return", "success"), DatasetSpec(("N",), ("f",))),
+            "times": DatasetSpec(("N", "T"), ("f",), finite=True),
+        },
     ),
     "translator": KindSpec(
         SCHEMA, _WEIGHTS, {"metrics/*": _METRIC, "curve/seconds": _CURVE}, config=TranslatorConfiguration

@@ -22,8 +22,11 @@ from artifacts import (
     write_overview,
 )
 from artifacts.paths import is_missing, real
+from stages.config.environments import PREFIX
+from stages.config.fields import flag
 from stages.config.presets import DEFAULT_PRESET, defaults
 from stages.config.stages import DemosConfig
+from stages.environments.attempts import FEWEST_ATTEMPTS, MAX_ATTEMPTS
 from stages.learners.demonstrators import Demonstrator, Expert, Person
 from stages.runtime.devices import pick_workers
 from stages.runtime.outputs import Output, name_tags
@@ -32,15 +35,25 @@ from stages.runtime.seeding import generator
 from stages.simulation.contexts import Contexts, repeat, take
 from stages.simulation.task import Task
 
+# Options that have no effect on environments, and on simulated tasks.
+OF_TASKS = ("contexts", "vary", "context_seed", "jitter", "videos", "crf", "expert")
+OF_ENVIRONMENTS = (
+    "demonstrator",
+    "env_kwargs",
+    "episode_steps",
+    "frames",
+    "size",
+    "crop",
+    "viewpoint",
+    "azimuth",
+    "elevation",
+    "distance",
+)
 Film = Callable[[dict[str, np.ndarray], np.ndarray], None]
 
 CHUNK = 256  # demonstrations simulated and rendered at a time
 FOOTAGE_SCALE = 5  # MP4 pixels per frame pixel, along each side
 TEMPO_KNOTS = 3  # speeds that define a video's time warping
-MAX_ATTEMPTS = 4  # attempts per demonstration before the stage gives up on an expert
-# Minimum number of attempts before the stage gives up on an expert: one that succeeds in a quarter of the contexts
-# fails 64 times in a row with a probability of 1e-8.
-FEWEST_ATTEMPTS = 64
 
 
 def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: Path | None) -> StageResult:
@@ -59,6 +72,9 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
 
     check("collect-demos", config, run)
     choose_backend()
+    _check_given(task_name, run)
+    if task_name.startswith(PREFIX):
+        return _collect_in_environment(task_name.removeprefix(PREFIX), config, run)
     task = make_task(task_name, typed=True)
     workers = use_threads(pick_workers(run.workers))
     usual = defaults(run.preset, "collect-demos", task_name, own=task.defaults)
@@ -79,6 +95,69 @@ def collect_demos(task_name: str, config: DemosConfig, run: RunOptions, expert: 
     output = output.made_from(demonstrator.parents)
     with _footage(demonstrator.task, config) as write:  # The footage folder appears only once the artifact is written.
         return _film(task, demonstrator, config, output, workers, write)
+
+
+def _check_given(task_name: str, run: RunOptions) -> None:
+    """Refuse options that have no effect: some are of simulated tasks, some of Gymnasium environments."""
+    foreign = task_name.startswith(PREFIX)
+    for name in sorted((run.given or frozenset()) & set(OF_TASKS if foreign else OF_ENVIRONMENTS)):
+        others = "simulated tasks" if foreign else "env:ID"
+        raise UsageError(f"{flag(name)} has no effect on {task_name}, only on {others}: leave it out")
+
+
+def _collect_in_environment(name: str, config: DemosConfig, run: RunOptions) -> StageResult:
+    """Film a demonstrator in a Gymnasium environment, each video with its own seed and viewpoint.
+
+    Raises:
+        ArtifactError: The demonstrator fails too often.
+        UsageError: The environment or the demonstrator fails, or an option is missing.
+    """
+    from stages.environments.demonstrators import demonstrator_digest
+    from stages.environments.filming import draw_contexts, film_successes
+    from stages.environments.making import code_digest
+    from stages.environments.scene import filmed_scene
+    from stages.environments.viewpoints import Viewpoint
+    from stages.simulation.registry import file_name
+
+    if not config.demonstrator:
+        raise UsageError(f"env:{name}: give --demonstrator MODULE:ATTR, or a model of Stable-Baselines3 (.zip)")
+    spec, can_move = filmed_scene(name, config, run.seed % 2**32)
+    usual = defaults(run.preset, "collect-demos")
+    out = run.out or default_path(
+        Path("runs"), file_name(name) + name_tags(config, usual, run, 0, DEFAULT_PRESET), "demos"
+    )
+    recipe = {"environment": name, **code_digest(spec), **demonstrator_digest(config.demonstrator)}
+    output = Output.of(out, "demos", "collect-demos", config, run, [], recipe)
+    if kept := output.kept():
+        return kept
+    if not can_move:
+        run.progress.say(f"{name} has no camera of MuJoCo: all videos have its own viewpoint")
+
+    ranges = Viewpoint(config.azimuth, config.elevation, config.distance) if can_move else None
+    with run.progress.bar(f"collect-demos {name}", config.n, "demos") as bar:
+        contexts = draw_contexts(run.seed, spec.viewpoint or Viewpoint(), ranges)
+        chosen, dropped = film_successes(spec, config.demonstrator, contexts, config, pick_workers(run.workers), bar)
+    known = [filmed.success for _, filmed in chosen if filmed.success is not None]
+    if not known:
+        run.progress.say(f"{name} does not report success: all demonstrations are kept")
+    elif not config.keep_failures:
+        run.progress.say(f"dropped {dropped} of {dropped + config.n} demonstrations because they failed")
+    videos = np.stack([filmed.frames for _, filmed in chosen])
+    returns = np.array([filmed.env_return for _, filmed in chosen])
+    described = full_config("collect-demos", config, run, task=None, dropped=dropped, environment=spec.described())
+    pictures = write_overview(output.path, videos)
+    return output.write(
+        {
+            "frames": videos,
+            "env_return": returns,
+            **({"success": np.array(known, np.float64)} if len(known) == len(chosen) else {}),
+            "environment/seed": np.array([context.seed for context, _ in chosen]),
+            "environment/viewpoint": np.array([context.viewpoint for context, _ in chosen]),
+        },
+        config=described,
+        summary={"demos": len(chosen), "dropped": dropped, "env_return": float(returns.mean()), **pictures},
+        environment=environment(),
+    )
 
 
 def _film(

@@ -47,7 +47,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     """
     import torch
 
-    from stages.environments.scene import first_scene, image_scene
+    from stages.environments.scene import as_filmed, first_scene, image_scene
     from stages.reporting.plots import plot_quality
     from stages.rewards.quality import shown_tau
     from stages.rewards.tracking import motion
@@ -67,6 +67,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     if align == "dtw":
         require_tslearn()
     _check_demonstrations(source, demos)
+    config = as_filmed(config, demos)
     model, size = load_translator(source, device), source.config["size"]
     if config.env:
         where = f"{file_name(config.env)}-e{config.env_seed}"
@@ -212,8 +213,8 @@ def _simulate_context(
 
     if not demos.config.get("task"):
         raise UsageError(
-            f"{demos.path} names no simulated task: pass an image of the learner's context with --context-image PNG, "
-            "or name the simulated learner's task with import-demos --task"
+            f"{demos.path} names no simulated task: name a Gymnasium environment with --env ID, pass an image of the "
+            "learner's context with --context-image PNG, or name the simulated task with import-demos --task"
         )
     task = make_task(demos.config["task"])
     _check_shape(task, demos)

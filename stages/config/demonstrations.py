@@ -10,6 +10,7 @@ from typing import NamedTuple
 from artifacts.encoding import CRF
 from artifacts.errors import UsageError
 from stages.config.contexts import CONTEXTS_HELP, VARY_HELP, check_contexts
+from stages.config.environments import parse_kwargs, parse_viewpoint
 from stages.config.fields import Config, Only, one_of, option
 from stages.config.names import CAMERA, CONTEXTS, EXPORT_FORMATS, FRAME_SIDES, PLAIN_FPS
 
@@ -53,10 +54,40 @@ class DemosConfig(Config):
         high=WORST_CRF,
         effect=(Only("videos"),),
     )
+    demonstrator: str = option(
+        "",
+        "Who demonstrates env:ID: MODULE:ATTR (a function of the observation, or an object with predict or get_action) "
+        "or a model saved by Stable-Baselines3 (.zip).",
+        metavar="NAME",
+    )
+    env_kwargs: tuple[str, ...] = option((), "Keyword argument of env:ID, KEY=VALUE (repeatable).", off=())
+    episode_steps: int = option(
+        0, "Steps per episode of env:ID (0: the environment's own limit).", low=0, high=1_000_000, off=0
+    )
+    frames: int = option(25, "Frames per video of env:ID, spread evenly over the episode.", low=2, high=MOST_FRAMES)
+    size: str = option("48x48", "Frame size of env:ID in pixels, multiples of 4.", metavar="WxH")
+    crop: str = option("", "Part of the image of env:ID that is reduced to --size, in pixels.", metavar="X,Y,W,H")
+    viewpoint: str = option(
+        "",
+        "Middle of the viewpoints of env:ID, relative to its own camera: AZIMUTH,ELEVATION,DISTANCE in degrees, "
+        "degrees and as a factor; for example 0,0,0.5 comes twice as near (MuJoCo only).",
+        off="",
+        metavar="A,E,D",
+    )
+    azimuth: float = option(
+        45.0, "Viewpoints of env:ID differ by up to this angle to either side, degrees (MuJoCo only).", low=0, high=180
+    )
+    elevation: float = option(10.0, "Viewpoints of env:ID differ by up to this elevation, degrees.", low=0, high=60)
+    distance: float = option(0.1, "Distances of the camera of env:ID differ by up to this fraction.", low=0, high=0.9)
 
     def check_together(self) -> None:
         """See `Config.check_together`."""
         check_contexts(self.contexts, self.vary)
+        parse_kwargs(self.env_kwargs)
+        parse_viewpoint(self.viewpoint)
+        parse_size(self.size)
+        if self.crop:
+            parse_crop(self.crop)
 
 
 class Crop(NamedTuple):

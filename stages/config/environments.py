@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from artifacts.errors import UsageError
 
+PREFIX = "env:"  # of an environment where a task is expected
 TRUSTED = "IFO_ENVS"  # environment variable: comma-separated list of environments whose code artifacts may name
 
 
@@ -34,6 +36,23 @@ def _value(text: str) -> Any:
         return json.loads(text)
     except ValueError:
         return text
+
+
+def parse_viewpoint(text: str) -> tuple[float, float, float] | None:
+    """Return azimuth, elevation and distance of `--viewpoint A,E,D`; None: it is empty.
+
+    Raises:
+        UsageError: The text is no viewpoint.
+    """
+    if not text:
+        return None
+    try:
+        azimuth, elevation, distance = map(float, text.split(","))
+    except ValueError:
+        azimuth = elevation = distance = math.nan
+    if not (abs(azimuth) <= 360 and abs(elevation) <= 90 and 0.01 <= distance <= 100):
+        raise UsageError(f"--viewpoint {text}: expected AZIMUTH,ELEVATION,DISTANCE, for example 30,-10,1.2")
+    return azimuth, elevation, distance
 
 
 def refuse_unless_trusted(name: str, kwargs: Mapping[str, Any]) -> None:

@@ -9,7 +9,7 @@ from typing import ClassVar
 from artifacts.errors import UsageError
 from stages.config.contexts import check_contexts
 from stages.config.demonstrations import parse_crop
-from stages.config.environments import parse_kwargs
+from stages.config.environments import parse_kwargs, parse_viewpoint
 from stages.config.fields import Config, Not, Only, option
 from stages.config.names import ALIGNMENTS, ARCHITECTURES, CONTEXTS, KEPT_WEIGHTS, LOSSES, SCHEDULES, SPLITS
 
@@ -167,6 +167,15 @@ class TranslateConfig(Config):
         high=2**32 - 1,
         effect=IN_ENVIRONMENT,
     )
+    viewpoint: str = option(
+        "",
+        "Viewpoint relative to the environment's own camera, AZIMUTH,ELEVATION,DISTANCE in degrees, degrees and as a "
+        "factor; only if MuJoCo is underneath.",
+        effect=IN_ENVIRONMENT,
+        off="",
+        metavar="A,E,D",
+        tag="view",
+    )
     episode_steps: int = option(
         0,
         "Steps per episode, over which the target's frames are spread evenly (0: the environment's own limit).",
@@ -193,3 +202,4 @@ class TranslateConfig(Config):
         if self.crop:
             parse_crop(self.crop)
         parse_kwargs(self.env_kwargs)
+        parse_viewpoint(self.viewpoint)

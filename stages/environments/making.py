@@ -15,6 +15,7 @@ from gymnasium.wrappers import FilterObservation, FlattenObservation, RescaleAct
 from artifacts import IfoError, UsageError, sha256_of
 from stages.config.demonstrations import Crop
 from stages.environments.spec import EnvironmentSpec
+from stages.environments.viewpoints import Viewed, Viewpoint
 from stages.footage.crops import reduced
 from stages.simulation.blame import failure
 from stages.simulation.gl import choose_backend
@@ -26,8 +27,8 @@ class EnvironmentFault(UsageError):
     """The code of a user's environment failed, or it is none to learn in."""
 
 
-def make_environment(spec: EnvironmentSpec) -> gymnasium.Env:
-    """Make the environment, with observations as a flat array and actions in [-1, 1].
+def make_environment(spec: EnvironmentSpec, raw: bool = False) -> gymnasium.Env:
+    """Make the environment, with observations as a flat array and actions in [-1, 1]; with `raw`, with its own.
 
     Where MuJoCo is underneath, it renders without multisampling, shadows and reflections, and, if the user chose
     neither width, height nor a crop, at twice the size of the frames.
@@ -50,6 +51,13 @@ def make_environment(spec: EnvironmentSpec) -> gymnasium.Env:
             "images"
         )
     _render_fast(env, spec)
+    viewed = env = Viewed(env, spec.viewpoint)
+    if spec.viewpoint is not None and spec.viewpoint != Viewpoint() and not viewed.can_move:
+        raise EnvironmentFault(
+            f"environment {spec.name}: has no camera of MuJoCo that could be moved: leave --viewpoint out"
+        )
+    if raw:
+        return env
     return _flat_actions(_flat_observations(env, spec), spec)
 
 

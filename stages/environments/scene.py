@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
+import gymnasium
 import numpy as np
 
-from artifacts import UsageError, read_png
-from stages.config.demonstrations import Crop, parse_crop
-from stages.config.environments import parse_kwargs
-from stages.config.stages import TranslateConfig
+from artifacts import Artifact, UsageError, read_png
+from stages.config.demonstrations import Crop, parse_crop, parse_size
+from stages.config.environments import parse_kwargs, parse_viewpoint
+from stages.config.stages import DemosConfig, TranslateConfig
 from stages.environments.making import EnvironmentFault, episode_limit, fault, frame_of, make_environment, rendered
 from stages.environments.spec import EnvironmentSpec
+from stages.environments.viewpoints import Viewpoint
 from stages.footage.crops import reduced
 
 
@@ -29,38 +32,93 @@ def first_scene(config: TranslateConfig, frames: int, size: tuple[int, int]) -> 
     """
     crop = parse_crop(config.crop) if config.crop else None
     kwargs = parse_kwargs(config.env_kwargs)
-    spec = EnvironmentSpec(config.env, kwargs, config.env_seed, config.episode_steps, frames, size, crop)
+    viewpoint = parse_viewpoint(config.viewpoint)
+    looking = None if viewpoint is None else Viewpoint(*viewpoint)
+    spec = EnvironmentSpec(config.env, kwargs, config.env_seed, config.episode_steps, frames, size, crop, looking)
     env = make_environment(spec)
     try:
-        steps = config.episode_steps or episode_limit(env)
-        if not steps:
-            raise UsageError(f"environment {spec.name}: sets no limit to its episodes: give --episode-steps")
-        if steps < frames - 1:
-            raise UsageError(
-                f"environment {spec.name}: episodes of {steps} steps are too short for a target of {frames} frames: "
-                f"give --episode-steps {frames - 1} or more"
-            )
-        spec = replace(spec, control_steps=steps)
+        spec = _with_steps(spec, env)
         frame = first_frame(env, spec)
-        if crop is None and _stretched(env.render(), size):
-            raise UsageError(
-                f"environment {spec.name}: its images have another aspect ratio than the demonstrations' frames of "
-                f"{size[1]}x{size[0]}: crop them with --crop X,Y,W,H"
-            )
+        _refuse_stretched(spec, env)
         return spec, frame
     finally:
         env.close()
 
 
-def first_frame(env: object, spec: EnvironmentSpec) -> np.ndarray:
+def filmed_scene(name: str, config: DemosConfig, seed: int) -> tuple[EnvironmentSpec, bool]:
+    """Return the environment in which collect-demos films, and whether its camera can be moved.
+
+    Args:
+        name: Name of the environment.
+        config: Configuration of collect-demos.
+        seed: Seed that the demonstrations record.
+
+    Raises:
+        EnvironmentFault, UsageError: As `first_scene`.
+    """
+    crop = parse_crop(config.crop) if config.crop else None
+    kwargs, size = parse_kwargs(config.env_kwargs), parse_size(config.size)
+    viewpoint = parse_viewpoint(config.viewpoint)
+    looking = None if viewpoint is None else Viewpoint(*viewpoint)
+    spec = EnvironmentSpec(name, kwargs, seed, config.episode_steps, config.frames, size, crop, looking)
+    env = make_environment(spec, raw=True)
+    try:
+        spec = _with_steps(spec, env)
+        first_frame(env, spec)
+        _refuse_stretched(spec, env)
+        return spec, bool(env.get_wrapper_attr("can_move"))
+    finally:
+        env.close()
+
+
+def _with_steps(spec: EnvironmentSpec, env: gymnasium.Env) -> EnvironmentSpec:
+    """The environment with the length of its episodes, if it was left open."""
+    steps = spec.control_steps or episode_limit(env)
+    if not steps:
+        raise UsageError(f"environment {spec.name}: sets no limit to its episodes: give --episode-steps")
+    if steps < spec.frames - 1:
+        raise UsageError(
+            f"environment {spec.name}: episodes of {steps} steps are too short for videos of {spec.frames} frames: "
+            f"give --episode-steps {spec.frames - 1} or more"
+        )
+    return replace(spec, control_steps=steps)
+
+
+def _refuse_stretched(spec: EnvironmentSpec, env: gymnasium.Env) -> None:
+    height, width = spec.size
+    if spec.crop is None and _stretched(env.render(), spec.size):
+        raise UsageError(
+            f"environment {spec.name}: its images have another aspect ratio than frames of {width}x{height}: crop them "
+            "with --crop X,Y,W,H"
+        )
+
+
+def as_filmed(config: TranslateConfig, demos: Artifact) -> TranslateConfig:
+    """The configuration with the environment in which demonstrations were filmed, if no other place was chosen.
+
+    Raises:
+        UsageError: Making that environment needs the user's permission.
+    """
+    if config.env or config.context_image or not demos.config.get("environment"):
+        return config
+    spec = EnvironmentSpec.of(demos)
+    assert spec is not None
+    return replace(
+        config,
+        env=spec.name,
+        env_kwargs=config.env_kwargs or tuple(f"{key}={json.dumps(value)}" for key, value in spec.kwargs.items()),
+        episode_steps=config.episode_steps or spec.control_steps,
+        viewpoint=config.viewpoint or ("" if spec.viewpoint is None else ",".join(map(str, spec.viewpoint))),
+        crop=config.crop or ("" if spec.crop is None else ",".join(map(str, spec.crop))),
+    )
+
+
+def first_frame(env: gymnasium.Env, spec: EnvironmentSpec) -> np.ndarray:
     """The frame (H, W, 3), uint8, that an environment shows after `reset` with the context's seed.
 
     Raises:
         EnvironmentFault: Its code fails.
     """
-    import gymnasium
-
-    assert isinstance(env, gymnasium.Env)
     where = "reset"
     try:
         env.reset(seed=spec.seed)

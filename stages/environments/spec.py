@@ -10,6 +10,7 @@ from artifacts import Artifact, ArtifactError
 from stages.config.demonstrations import Crop
 from stages.config.environments import refuse_unless_trusted
 from stages.environments.timing import Timing
+from stages.environments.viewpoints import Viewpoint
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,7 @@ class EnvironmentSpec:
         frames: Number of frames T, spread evenly over the episode.
         size: Height and width of a frame, pixels.
         crop: Part of the rendered image that is reduced to `size`; None: all of it.
+        viewpoint: Viewpoint relative to the environment's own camera; None: its own camera.
     """
 
     name: str
@@ -33,6 +35,7 @@ class EnvironmentSpec:
     frames: int = 0
     size: tuple[int, int] = (48, 48)
     crop: Crop | None = None
+    viewpoint: Viewpoint | None = None
 
     @property
     def timing(self) -> Timing:
@@ -49,6 +52,7 @@ class EnvironmentSpec:
             "frames": self.frames,
             "size": list(self.size),
             "crop": None if self.crop is None else list(self.crop),
+            "viewpoint": None if self.viewpoint is None else list(self.viewpoint),
         }
 
     @classmethod
@@ -62,7 +66,7 @@ class EnvironmentSpec:
         recorded = artifact.config.get("environment")
         if recorded is None:
             return None
-        crop = recorded["crop"]
+        crop, viewpoint = recorded["crop"], recorded["viewpoint"]
         spec = cls(
             recorded["name"],
             recorded["kwargs"],
@@ -71,6 +75,7 @@ class EnvironmentSpec:
             recorded["frames"],
             (recorded["size"][0], recorded["size"][1]),
             None if crop is None else Crop(*crop),
+            None if viewpoint is None else Viewpoint(*viewpoint),
         )
         if spec.frames > spec.control_steps + 1:
             raise ArtifactError(
