@@ -67,7 +67,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     if align == "dtw":
         require_tslearn()
     _check_demonstrations(source, demos)
-    config = as_filmed(config, demos)
+    config = as_filmed(config, demos, run.given or ())
     model, size = load_translator(source, device), source.config["size"]
     if config.env:
         where = f"{file_name(config.env)}-e{config.env_seed}"

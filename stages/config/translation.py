@@ -10,13 +10,14 @@ from artifacts.errors import UsageError
 from stages.config.contexts import check_contexts
 from stages.config.demonstrations import parse_crop
 from stages.config.environments import parse_kwargs, parse_viewpoint
-from stages.config.fields import Config, Not, Only, option
+from stages.config.fields import Config, Not, option
 from stages.config.names import ALIGNMENTS, ARCHITECTURES, CONTEXTS, KEPT_WEIGHTS, LOSSES, SCHEDULES, SPLITS
 
 TRAINS = Not("steps", 0)
 RECONSTRUCTS = (TRAINS, Not("without", "rec"))
 IN_SIMULATION = (Not("context_image"), Not("env"))
-IN_ENVIRONMENT = (Only("env"),)
+# Options that have an effect only where the learner's context is a Gymnasium environment.
+OF_ENVIRONMENTS = ("env_kwargs", "env_seed", "viewpoint", "episode_steps")
 
 
 @dataclass(frozen=True)
@@ -157,21 +158,17 @@ class TranslateConfig(Config):
         "the learner's context.",
         metavar="ID",
     )
-    env_kwargs: tuple[str, ...] = option(
-        (), "Keyword argument of the environment, KEY=VALUE (repeatable).", effect=IN_ENVIRONMENT, off=()
-    )
+    env_kwargs: tuple[str, ...] = option((), "Keyword argument of the environment, KEY=VALUE (repeatable).", off=())
     env_seed: int = option(
         0,
         "Seed with which the environment is reset in every episode; it selects the learner's context.",
         low=0,
         high=2**32 - 1,
-        effect=IN_ENVIRONMENT,
     )
     viewpoint: str = option(
         "",
         "Viewpoint relative to the environment's own camera, AZIMUTH,ELEVATION,DISTANCE in degrees, degrees and as a "
         "factor; only if MuJoCo is underneath.",
-        effect=IN_ENVIRONMENT,
         off="",
         metavar="A,E,D",
         tag="view",
@@ -181,7 +178,6 @@ class TranslateConfig(Config):
         "Steps per episode, over which the target's frames are spread evenly (0: the environment's own limit).",
         low=0,
         high=1_000_000,
-        effect=IN_ENVIRONMENT,
         off=0,
         tag="steps",
     )
@@ -197,8 +193,6 @@ class TranslateConfig(Config):
         check_contexts(self.contexts, self.vary)
         if self.env and self.context_image:
             raise UsageError("--env and --context-image are two contexts of the learner: leave one of the two out")
-        if self.crop and not (self.env or self.context_image):
-            raise UsageError("--crop has no effect without --env or --context-image: leave it out")
         if self.crop:
             parse_crop(self.crop)
         parse_kwargs(self.env_kwargs)

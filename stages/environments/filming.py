@@ -144,11 +144,12 @@ def film_all(
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _open, (spec, demonstrator))
     waiting: list[tuple[Context, Any]] = []
     try:
-        while True:
-            while len(waiting) < 2 * workers:
-                context = next(contexts)
-                waiting.append((context, pool.submit(_film, context)))
+        for context in itertools.islice(contexts, 2 * workers):
+            waiting.append((context, pool.submit(_film, context)))
+        while waiting:
             context, asked = waiting.pop(0)
+            for following in itertools.islice(contexts, 1):
+                waiting.append((following, pool.submit(_film, following)))
             filmed = asked.result()
             if isinstance(filmed, str):
                 raise EnvironmentFault(filmed)

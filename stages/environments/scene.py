@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Collection
 from dataclasses import replace
 
 import gymnasium
@@ -11,7 +12,9 @@ import numpy as np
 from artifacts import Artifact, UsageError, read_png
 from stages.config.demonstrations import Crop, parse_crop, parse_size
 from stages.config.environments import parse_kwargs, parse_viewpoint
+from stages.config.fields import flag
 from stages.config.stages import DemosConfig, TranslateConfig
+from stages.config.translation import OF_ENVIRONMENTS
 from stages.environments.making import EnvironmentFault, episode_limit, fault, frame_of, make_environment, rendered
 from stages.environments.spec import EnvironmentSpec
 from stages.environments.viewpoints import Viewpoint
@@ -93,14 +96,25 @@ def _refuse_stretched(spec: EnvironmentSpec, env: gymnasium.Env) -> None:
         )
 
 
-def as_filmed(config: TranslateConfig, demos: Artifact) -> TranslateConfig:
+def as_filmed(config: TranslateConfig, demos: Artifact, given: Collection[str]) -> TranslateConfig:
     """The configuration with the environment in which demonstrations were filmed, if no other place was chosen.
 
     Raises:
-        UsageError: Making that environment needs the user's permission.
+        UsageError: Making that environment needs the user's permission, or an option in `given` has no effect there.
     """
-    if config.env or config.context_image or not demos.config.get("environment"):
+    if config.env:
         return config
+    if config.context_image or not demos.config.get("environment"):
+        for name in (*OF_ENVIRONMENTS, *(() if config.context_image else ("crop",))):
+            if name in given:
+                raise UsageError(f"{flag(name)} has no effect without --env: give --env as well, or leave it out")
+        return config
+    for name in ("context_seed", "contexts", "vary"):
+        if name in given:
+            raise UsageError(
+                f"{flag(name)} has no effect on demonstrations of environment {demos.config['environment']['name']}: "
+                "use --env-seed and --viewpoint"
+            )
     spec = EnvironmentSpec.of(demos)
     assert spec is not None
     return replace(

@@ -46,7 +46,7 @@ class Viewed(gymnasium.Wrapper):
             self._move(viewpoint)
 
     def render(self) -> Any:
-        if self._viewpoint is not None and self._own is None:
+        if self._viewpoint is not None and self._own is None and self.can_move:
             self.env.render()  # Makes the viewer, which holds the camera.
             self._own = self._camera()
             self._move(self._viewpoint)

@@ -109,3 +109,25 @@ def number():
 def failing():
     """Code that fails."""
     raise KeyError("model.xml")
+
+
+def go_right(observation):
+    """A demonstrator that pushes the square to the right."""
+    return np.array([2.0, 0.0])
+
+
+def go_left(observation):
+    """A demonstrator that always fails."""
+    return np.array([-1.0, 0.0])
+
+
+def stumble(observation):
+    """A demonstrator whose code fails."""
+    raise IndexError("no such action")
+
+
+class Remembering:
+    """A demonstrator with `get_action`, as in Meta-World."""
+
+    def get_action(self, observation):
+        return [2.0, 0.0]

@@ -1,0 +1,194 @@
+"""The five commands in a Gymnasium environment that ifo does not know."""
+
+import json
+import warnings
+
+import numpy as np
+import pytest
+
+from artifacts import read_artifact, write_png
+
+HERE = "tests.stages.environments.slides"
+SLIDE, RIGHT = f"{HERE}:Slide", f"{HERE}:go_right"
+FILM = ("--size", "16x16", "--frames", 6, "-n", 16, "--preset", "toy", "--workers", 1)
+LEARN = ("--preset", "toy", "--iterations", 2, "--episodes", 4)
+
+
+@pytest.fixture(scope="module")
+def made(ifo, tmp_path_factory):
+    """A folder with demonstrations, translator, translation and policy, and what the commands said."""
+    folder = tmp_path_factory.mktemp("slides")
+    said = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("IFO_ENVS", SLIDE)
+        for words in (
+            ("collect-demos", f"env:{SLIDE}", "--demonstrator", RIGHT, *FILM, "--out", "s.demos.h5"),
+            ("train-translator", "s.demos.h5", "--out", "s.translator.h5"),
+            ("translate", "s.translator.h5", "--env-seed", 7, "--out", "s.translation.h5"),
+            ("learn-policy", "s.translation.h5", *LEARN, "--out", "s.policy.h5"),
+            ("evaluate", "s.policy.h5", "--episodes", 3, "--json", "--out", "s.evaluation.h5"),
+        ):
+            said[words[0]] = ifo(folder, *words)
+            assert said[words[0]].returncode == 0, said[words[0]].stderr
+    return folder, said
+
+
+@pytest.fixture(autouse=True)
+def trusted(monkeypatch):
+    monkeypatch.setenv("IFO_ENVS", SLIDE)
+
+
+def test_from_a_demonstrator_to_an_evaluated_policy(made):
+    folder, said = made
+    demos = read_artifact(folder / "s.demos.h5", "demos")
+    assert demos["frames"].shape == (16, 6, 16, 16, 3) and demos["success"].all()
+    assert len(set(demos["environment/seed"].tolist())) == 16
+    assert "has no camera of MuJoCo" in said["collect-demos"].stderr
+    translation = read_artifact(folder / "s.translation.h5", "translation")
+    environment = translation.config["environment"]
+    assert environment["name"] == SLIDE and environment["seed"] == 7, "the environment of the demonstrations"
+    assert environment["control_steps"] == 10, "the limit of the environment"
+    assert {"return_target", "return_still", "return_random", "target_motion"} <= set(translation.group("metrics"))
+    assert "return of the target" in said["translate"].stderr
+    policy = read_artifact(folder / "s.policy.h5", "policy")
+    assert policy.config["environment"] == environment and policy.config["observation_size"] == 3
+    assert len(policy["curve/success"]) == len(policy["curve/env_return"]) == 2
+    assert policy["curve/samples"].tolist() == [40, 80]
+    assert "success rate" in said["learn-policy"].stderr
+    evaluation = read_artifact(folder / "s.evaluation.h5", "evaluation")
+    assert evaluation["success"].shape == evaluation["env_return_stochastic"].shape == (1, 3)
+    summary = json.loads(said["evaluate"].stdout)
+    assert summary["success"] == evaluation["success"].mean() and 0 <= summary["success_stochastic"] <= 1
+    assert "episodes succeed" in said["evaluate"].stderr
+    for kind in ("translation", "policy", "evaluation"):
+        assert (folder / f"s.{kind}.mp4").exists()
+
+
+def test_the_context_is_what_the_environment_shows_first(made):
+    from tests.stages.environments.slides import Slide
+
+    env = Slide()
+    env.reset(seed=7)
+    expected = env.render().reshape(16, 2, 16, 2, 3).astype(float).mean(axis=(1, 3))
+    shown = read_artifact(made[0] / "s.translation.h5", "translation")["context_frame"]
+    assert np.abs(shown - expected).max() <= 1
+
+
+def test_code_that_a_file_names_needs_permission(made, ifo, monkeypatch):
+    monkeypatch.delenv("IFO_ENVS")
+    for words in (("translate", "s.translator.h5"), ("learn-policy", "s.translation.h5"), ("evaluate", "s.policy.h5")):
+        done = ifo(made[0], *words, "--out", "new.h5")
+        assert done.returncode == 2 and done.stdout == ""
+        assert f"export IFO_ENVS={SLIDE}" in done.stderr and done.stderr.count("\n") == 1
+    done = ifo(made[0], "translate", "s.translator.h5", "--env", SLIDE, "-n", 2, "--out", "typed.translation.h5")
+    assert done.returncode == 0, "typed on the command line"
+    assert f"later stages make {SLIDE} only with your permission" in done.stderr
+
+
+@pytest.mark.parametrize("learner", [("--reward", "oracle"), ("--reward", "gail"), ("--learner", "gps")])
+def test_other_rewards_and_learners(made, ifo, learner, tmp_path):
+    out = tmp_path / "x.policy.h5"
+    done = ifo(made[0], "learn-policy", "s.translation.h5", *LEARN, *learner, "--workers", 1, "--out", out)
+    assert done.returncode == 0, done.stderr
+    assert read_artifact(out, "policy")["curve/samples"].tolist() == [40, 80]
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("--reward", "joints"), "--reward joints needs a simulated task"),
+        (("--reward", "oracle", "--learner", "gps"), "--learner gps needs a reward with a target"),
+    ],
+)
+def test_what_an_environment_does_not_have_is_refused(made, ifo, words, expected):
+    done = ifo(made[0], "learn-policy", "s.translation.h5", *LEARN, *words, "--out", "new.policy.h5")
+    assert done.returncode == 2 and expected in done.stderr and not (made[0] / "new.policy.h5").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("--env-kwargs", "still=true"), "frames do not change during episodes"),
+        (("--episode-steps", 3), "episodes of 3 steps are too short for videos of 6 frames: give --episode-steps 5"),
+        (("--env-kwargs", "limit=0"), "sets no limit to its episodes: give --episode-steps"),
+        (("--env-kwargs", "width=64"), "another aspect ratio than frames of 16x16: crop them with --crop"),
+        (("--crop", "0,0,40,40"), "--crop 0,0,40,40 extends beyond its image of 32x32"),
+        (("--env-kwargs", "limit"), "--env-kwargs limit: expected KEY=VALUE"),
+        (("--viewpoint", "10,0,1"), "leave --viewpoint out"),
+        (("--viewpoint", "10"), "--viewpoint 10: expected AZIMUTH,ELEVATION,DISTANCE"),
+    ],
+)
+def test_what_is_wrong_with_a_scene_is_said_before_learning(made, ifo, words, expected, tmp_path):
+    out = tmp_path / "x.translation.h5"
+    done = ifo(made[0], "translate", "s.translator.h5", "--env", SLIDE, "-n", 2, *words, "--out", out)
+    assert expected in done.stderr
+    assert out.exists() == (done.returncode == 0)
+
+
+def test_a_scene_that_changed_since_is_noticed_before_learning(made, ifo, tmp_path):
+    from artifacts import write_artifact
+
+    source = read_artifact(made[0] / "s.translation.h5", "translation")
+    arrays = {name: source[name] for name in source.names()}
+    arrays["context_frame"] = 255 - arrays["context_frame"]
+    path = write_artifact(
+        tmp_path / "other.translation.h5",
+        "translation",
+        arrays,
+        config=dict(source.config),
+        seed=0,
+        command="ifo",
+        parents=[source.parent("translator")],
+    )
+    done = ifo(tmp_path, "learn-policy", path, *LEARN, "--out", tmp_path / "x.policy.h5")
+    assert "first frame differs from the context frame" in done.stderr
+
+
+def test_a_demonstrator_is_needed_and_options_of_tasks_have_no_effect(ifo, tmp_path):
+    done = ifo(tmp_path, "collect-demos", f"env:{SLIDE}", *FILM)
+    assert done.returncode == 2 and "give --demonstrator MODULE:ATTR" in done.stderr
+    done = ifo(tmp_path, "collect-demos", f"env:{SLIDE}", "--demonstrator", RIGHT, *FILM, "--vary", "goal")
+    assert done.returncode == 2 and "--vary has no effect on env:" in done.stderr
+    done = ifo(tmp_path, "collect-demos", "reach", "--preset", "toy", "--demonstrator", RIGHT)
+    assert done.returncode == 2 and "--demonstrator has no effect on reach, only on env:ID" in done.stderr
+
+
+def test_a_context_image_is_cropped_and_reduced(made, ifo, tmp_path):
+    image = np.zeros((40, 50, 3), np.uint8)
+    image[4:36, 10:42] = read_artifact(made[0] / "s.translation.h5")["context_frame"].repeat(2, 0).repeat(2, 1)
+    write_png(tmp_path / "scene.png", image)
+    words = ("translate", made[0] / "s.translator.h5", "--context-image", tmp_path / "scene.png", "-n", 2)
+    out = tmp_path / "x.translation.h5"
+    done = ifo(tmp_path, *words, "--out", out)
+    assert done.returncode == 2 and "50x40 pixels, expected 16x16 or more in the same aspect ratio" in done.stderr
+    done = ifo(tmp_path, *words, "--crop", "10,4,32,32", "--out", out)
+    assert done.returncode == 0, done.stderr
+    frame = read_artifact(made[0] / "s.translation.h5")["context_frame"]
+    np.testing.assert_array_equal(read_artifact(out)["context_frame"], frame)
+
+
+def test_an_interrupted_run_resumes_bit_for_bit(made, ifo, monkeypatch, tmp_path):
+    from stages.learners import loop
+
+    words = ("learn-policy", made[0] / "s.translation.h5", *LEARN, "--workers", 1, "--iterations", 3)
+    whole, resumed = tmp_path / "whole.policy.h5", tmp_path / "resumed.policy.h5"
+    assert ifo(tmp_path, *words, "--out", whole).returncode == 0
+    plain, taken = loop._learn_once, []
+
+    def interrupted(*given):
+        taken.append(given)
+        if len(taken) == 3:
+            raise KeyboardInterrupt
+        return plain(*given)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(loop, "_learn_once", interrupted)
+        assert ifo(tmp_path, *words, "--out", resumed).returncode == 130
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        done = ifo(tmp_path, *words, "--resume", "--out", resumed)
+    assert done.returncode == 0 and "resuming" in done.stderr, done.stderr
+    one, other = read_artifact(whole), read_artifact(resumed)
+    for name in one.names():
+        if name != "curve/seconds":
+            np.testing.assert_array_equal(other[name], one[name], err_msg=name)
