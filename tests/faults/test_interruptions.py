@@ -80,11 +80,11 @@ def inputs(tmp_path_factory):
 
 CASES = {
     "train-expert": (
-        ("train-expert", "reach", "--preset", "toy", "--iterations", 12, "--checkpoint-every", 2),
+        ("train-expert", "reach", "--preset", "toy", "--iterations", 6, "--checkpoint-every", 2),
         "expert",
     ),
     "train-translator": (
-        ("train-translator", "runs/reach-toy.demos.h5", "--steps", 60, "--checkpoint-every", 20),
+        ("train-translator", "runs/reach-toy.demos.h5", "--steps", 30, "--checkpoint-every", 10),
         "translator",
     ),
     "train-translator real": (
@@ -96,7 +96,7 @@ CASES = {
     ),
     "learn-policy": (
         (
-            *("learn-policy", "runs/reach-toy-c0.translation.h5", "--iterations", 12, "--checkpoint-every", 2),
+            *("learn-policy", "runs/reach-toy-c0.translation.h5", "--iterations", 6, "--checkpoint-every", 2),
             *("--negatives", 3),
         ),
         "policy",
