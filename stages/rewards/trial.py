@@ -83,7 +83,7 @@ class Trial:
                 "or --crop"
             )
         for name, value in (("standing still", self.still), ("random actions", self.random)):
-            if self.target - value < MARGIN * abs(value):
+            if self.target - value <= MARGIN * abs(value):
                 found.append(
                     f"the reward ranks {name} ({value:.2f}) as high as the target ({self.target:.2f}): a policy will "
                     "probably not learn from it; look at the translation's video, and check the camera, --crop and "

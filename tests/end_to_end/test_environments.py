@@ -192,3 +192,20 @@ def test_an_interrupted_run_resumes_bit_for_bit(made, ifo, monkeypatch, tmp_path
     for name in one.names():
         if name != "curve/seconds":
             np.testing.assert_array_equal(other[name], one[name], err_msg=name)
+
+
+def test_a_policy_learns_to_do_what_the_videos_show(ifo, tmp_path):
+    """It observes no reward of the environment: only the translated videos say that the square belongs on the right."""
+    for words in (
+        ("collect-demos", f"env:{SLIDE}", "--demonstrator", RIGHT, *FILM, "-n", 64, "--out", "s.demos.h5"),
+        ("train-translator", "s.demos.h5", "--steps", 150, "--videos", 8, "--frames", 2, "--out", "s.translator.h5"),
+        ("translate", "s.translator.h5", "--env-seed", 7, "--out", "s.translation.h5"),
+        (
+            *("learn-policy", "s.translation.h5", "--iterations", 12, "--episodes", 20, "--workers", 1, "--blur", 2),
+            *("--out", "s.policy.h5"),
+        ),
+    ):
+        done = ifo(tmp_path, *words)
+        assert done.returncode == 0, done.stderr
+    success = read_artifact(tmp_path / "s.policy.h5", "policy")["curve/success"]
+    assert success[0] < 0.5 and success[-1] > 0.9
