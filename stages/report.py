@@ -16,7 +16,7 @@ from stages.reporting.lineage import lineage
 from stages.reporting.names import DEMONSTRATIONS, TRANSLATOR
 from stages.reporting.page import MARK, markdown, page
 from stages.reporting.plots import draw
-from stages.reporting.rows import Run, as_csv, read_runs
+from stages.reporting.rows import Run, as_csv, of_environment, read_runs
 from stages.reporting.summary import Summary, summarise
 from stages.reporting.tables import summary_table
 from stages.reporting.videos import collect_videos
@@ -41,7 +41,20 @@ def report(inputs: Sequence[Path], out: Path, title: str, command: str, progress
         UsageError: A file that would be replaced was not written by `ifo report`. Nothing is written.
     """
     _check_replaceable(out)
-    evaluations = [read_artifact(path, "evaluation") for path in find_evaluations(inputs)]
+    found = [read_artifact(path, "evaluation") for path in find_evaluations(inputs)]
+    evaluations = [artifact for artifact in found if not of_environment(artifact)]
+    if not evaluations:
+        raise ArtifactError(
+            f"{found[0].path}: is of a Gymnasium environment, and reports cover simulated tasks only: see its key "
+            "figures with ifo inspect"
+        )
+    left_out = [
+        f"Of Gymnasium environments, and not shown: {artifact.path}."
+        for artifact in found
+        if artifact not in evaluations
+    ]
+    for line in left_out:
+        progress.say(line)
     runs, duplicates = count_once([run for artifact in evaluations for run in read_runs(artifact)])
     for line in _repeated(duplicates):
         progress.say(line)
@@ -49,7 +62,7 @@ def report(inputs: Sequence[Path], out: Path, title: str, command: str, progress
     runs = [run for item in summaries for run in item.runs]  # in the order of the table
     ordered = list(dict.fromkeys(run.evaluation for run in runs))
     videos = collect_videos(ordered, runs)
-    notes = [*_repeated(duplicates), *_without_curves(runs), *_unknown(runs), *videos.notes]
+    notes = [*left_out, *_repeated(duplicates), *_without_curves(runs), *_unknown(runs), *videos.notes]
     plots = draw(summaries)
     files = {name: out.with_name(f"{out.stem}-{name}.png") for name in plots}
     table = summary_table(summaries)

@@ -125,11 +125,6 @@ def read_runs(artifact: Artifact) -> list[Run]:
     Raises:
         ArtifactError: It is damaged, or its records of the runs are incomplete.
     """
-    if "env_return" in artifact:
-        raise ArtifactError(
-            f"{artifact.path}: is of a Gymnasium environment, and reports cover simulated tasks only so far: see its "
-            "summary with ifo inspect"
-        )
     described = checked_records(artifact)
     names = ("initial_distance", "final_distance_stochastic", "normalised_distance_stochastic", "normalised_distance")
     initial, final, noisy, calm = (artifact[name] for name in names)
@@ -159,6 +154,11 @@ def read_runs(artifact: Artifact) -> list[Run]:
         )
         for k, run in enumerate(described)
     ]
+
+
+def of_environment(artifact: Artifact) -> bool:
+    """Whether an evaluation is of policies in a Gymnasium environment, which have no distance to a goal."""
+    return "env_return" in artifact
 
 
 def _threshold(artifact: Artifact) -> float:

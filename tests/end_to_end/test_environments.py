@@ -64,6 +64,14 @@ def test_from_a_demonstrator_to_an_evaluated_policy(made):
         assert (folder / f"s.{kind}.mp4").exists()
 
 
+def test_a_report_says_that_it_leaves_environments_out(made, toy, ifo):
+    done = ifo(made[0], "report", "s.evaluation.h5")
+    assert done.returncode == 3 and "reports cover simulated tasks only" in done.stderr
+    done = ifo(made[0], "report", "s.evaluation.h5", toy.artifact("evaluation"), "--out", "r.html")
+    assert done.returncode == 0 and "Of Gymnasium environments, and not shown: s.evaluation.h5." in done.stderr
+    assert "s.evaluation.h5" in (made[0] / "r.html").read_text()
+
+
 def test_the_context_is_what_the_environment_shows_first(made):
     from tests.stages.environments.slides import Slide
 
