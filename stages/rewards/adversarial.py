@@ -70,6 +70,7 @@ class AdversarialReward(FrameReward):
         self._judging = frozen(self._model)
         self._optimiser = torch.optim.Adam(self._model.parameters(), lr=schedule.rate, betas=(0.5, 0.99))
         self._running: dict[int, np.ndarray] = {}
+        self._ended: list[np.ndarray] = []
         self._memory: list[np.ndarray] = []
         self._iteration = 0
         self._right = float("nan")
@@ -84,6 +85,8 @@ class AdversarialReward(FrameReward):
 
     @torch.no_grad()
     def judge(self, frame: int, drawn: np.ndarray) -> np.ndarray:
+        if frame in self._running:  # The next round of episodes has begun.
+            self._end_round()
         self._running[frame] = drawn
         before = self._running[max(frame - self.lag, 1)]
         logits = self._judging(self.images(before), self.images(drawn))
@@ -103,12 +106,17 @@ class AdversarialReward(FrameReward):
         """Draw a batch of pairs, as `pairs` does, from the learner's recent frames."""
         return self.pairs(rng, self._memory[rng.integers(len(self._memory))])
 
+    def _end_round(self) -> None:
+        """Keep the videos (n, T, H, W, 3) of the episodes that ran in lockstep."""
+        first = next(iter(self._running.values()))
+        self._ended.append(np.stack([self._running.get(frame, first) for frame in range(self._timing.frames)], axis=1))
+        self._running = {}
+
     def iterate(self) -> None:
         """End an iteration of the learner: remember its frames, then train the discriminator."""
-        first = next(iter(self._running.values()))
-        seen = np.stack([self._running.get(frame, first) for frame in range(self._timing.frames)], axis=1)
-        self._memory = [*self._memory, seen][-REMEMBERED:]
-        self._running = {}
+        self._end_round()
+        self._memory = [*self._memory, np.concatenate(self._ended)][-REMEMBERED:]
+        self._ended = []
         rng = generator(self._seed, "discriminator-batches", self._iteration)
         self._iteration += 1
         right = []

@@ -32,6 +32,19 @@ def make(kind, stage, steps=2, **options):
     return GailReward(*given) if kind == "gail" else TpilReward(*given, unskilled=numbered(4, 100), **options)
 
 
+def test_all_rounds_of_episodes_of_an_iteration_are_remembered(stage):
+    reward = make("gail", stage)
+    rounds = [numbered(2, first=20), numbered(2, first=60), numbered(2, first=90)]
+    for videos in rounds:
+        stage.perform(reward, videos)
+    reward.iterate()
+    (memory,) = reward._memory
+    np.testing.assert_array_equal(memory[:, 1:], np.concatenate(rounds)[:, 1:])
+    stage.perform(reward, rounds[0])
+    reward.iterate()
+    assert [len(seen) for seen in reward._memory] == [6, 2]
+
+
 @pytest.mark.parametrize("kind", ["gail", "tpil"])
 def test_the_reward_is_the_clipped_logit_of_a_frame_and_the_one_before_it(kind, stage):
     reward = make(kind, stage)
