@@ -78,10 +78,12 @@ def refuse_unless_trusted(name: str, kwargs: Mapping[str, Any]) -> None:
 
 
 def _is_plain(value: Any) -> bool:
-    """Whether a value cannot be a path: a number, a boolean, a plain word, or a list of these."""
+    """Whether a value cannot be a path: a number, a boolean, a plain word, or a list or mapping of these."""
     if isinstance(value, list):
         return all(map(_is_plain, value))
-    return not isinstance(value, dict) and (not isinstance(value, str) or value.replace("-", "_").isidentifier())
+    if isinstance(value, dict):
+        return all(map(_is_plain, value.values()))
+    return not isinstance(value, str) or value.replace("-", "_").isidentifier()
 
 
 def permission_needed(name: str, kwargs: Mapping[str, Any]) -> str:

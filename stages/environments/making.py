@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import math
+import warnings
 from importlib import util
 from typing import Any
 
@@ -12,14 +14,15 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.wrappers import FilterObservation, FlattenObservation, RescaleAction
 
-from artifacts import IfoError, UsageError, sha256_of
+from artifacts import IfoError, PlatformError, UsageError, sha256_of
 from stages.config.demonstrations import Crop
 from stages.environments.spec import EnvironmentSpec
-from stages.environments.viewpoints import Viewed, Viewpoint
+from stages.environments.viewpoints import Viewed, Viewpoint, make_plain, physics_of
 from stages.footage.crops import reduced
 from stages.simulation.blame import failure
 from stages.simulation.gl import choose_backend
 
+SUITE = "dm_control/"  # of environments that Shimmy registers
 OVERSAMPLING = 2  # rendered pixels per pixel of a frame, where the size of the rendered image is ours to choose
 
 
@@ -50,8 +53,7 @@ def make_environment(spec: EnvironmentSpec, raw: bool = False) -> gymnasium.Env:
             f"environment {spec.name}: its render_mode is {env.render_mode!r}, expected 'rgb_array': it must return "
             "images"
         )
-    _render_fast(env, spec)
-    viewed = env = Viewed(env, spec.viewpoint)
+    viewed = env = _render_fast(env, spec)
     if spec.viewpoint is not None and spec.viewpoint != Viewpoint() and not viewed.can_move:
         raise EnvironmentFault(
             f"environment {spec.name}: has no camera of MuJoCo that could be moved: leave --viewpoint out"
@@ -72,6 +74,8 @@ def _made(spec: EnvironmentSpec) -> Any:
         if "render_mode" in inspect.signature(made).parameters:
             given.setdefault("render_mode", "rgb_array")
         return made(**given)
+    if spec.name.startswith(SUITE):
+        _register_suite()
     limit = {"max_episode_steps": spec.control_steps} if spec.control_steps else {}
     try:
         return gymnasium.make(
@@ -82,6 +86,18 @@ def _made(spec: EnvironmentSpec) -> Any:
             f"environment {spec.name}: {' '.join(str(error).split()).rstrip('.')}; if another package registers it, "
             f"name that too: --env PACKAGE:{spec.name}"
         ) from error
+
+
+def _register_suite() -> None:
+    """Register the environments of dm_control.
+
+    Raises:
+        PlatformError: Shimmy is not installed.
+    """
+    try:
+        importlib.import_module("shimmy")  # Registers them.
+    except ImportError as error:
+        raise PlatformError("environments of dm_control need Shimmy: pip install 'shimmy[dm-control]'") from error
 
 
 def code_digest(spec: EnvironmentSpec) -> dict[str, str]:
@@ -99,26 +115,35 @@ def episode_limit(env: gymnasium.Env) -> int | None:
             return int(wrapped._max_episode_steps)
         wrapped = wrapped.env
     limit = getattr(wrapped, "max_path_length", None) or (wrapped.spec and wrapped.spec.max_episode_steps)
-    return int(limit) if limit else None
+    inner: Any = getattr(wrapped, "_env", None)
+    if not limit and hasattr(inner, "control_timestep"):  # of dm_control
+        seconds = getattr(inner, "_time_limit", math.inf)
+        limit = getattr(inner, "_step_limit", seconds / inner.control_timestep())
+    return round(limit) if limit and math.isfinite(limit) else None
 
 
-def _render_fast(env: gymnasium.Env, spec: EnvironmentSpec) -> None:
+def _render_fast(env: gymnasium.Env, spec: EnvironmentSpec) -> Viewed:
     """Render small images without multisampling, shadows and reflections, where MuJoCo is underneath."""
     inner: Any = env.unwrapped
     renderer: Any = getattr(inner, "mujoco_renderer", None)
-    model: Any = getattr(inner, "model", None)
-    if renderer is None or not hasattr(model, "vis"):
-        return
-    model.vis.quality.offsamples = 0
-    model.vis.quality.shadowsize = 0
-    model.mat_reflectance[:] = 0
-    chosen = {"width", "height"} & set(spec.kwargs)
-    if spec.crop is not None or chosen or not hasattr(renderer, "width"):
-        return
+    physics = physics_of(env)
+    if physics is not None:
+        model: Any = physics.model
+        chosen = {"width", "height"} & set(getattr(inner, "render_kwargs", None) or ())
+    elif renderer is not None and hasattr(renderer, "model"):
+        model, chosen = renderer.model, {"width", "height"} & set(spec.kwargs)
+    else:
+        return Viewed(env, spec.viewpoint)
+    make_plain(model)
+    if spec.crop is not None or chosen:
+        return Viewed(env, spec.viewpoint)
     height, width = (OVERSAMPLING * side for side in spec.size)
+    if physics is not None:
+        return Viewed(env, spec.viewpoint, (height, width))
     scale = max(height / renderer.height, width / renderer.width)
     if scale < 1:
         renderer.height, renderer.width = round(renderer.height * scale), round(renderer.width * scale)
+    return Viewed(env, spec.viewpoint)
 
 
 def _flat_observations(env: gymnasium.Env, spec: EnvironmentSpec) -> gymnasium.Env:
@@ -127,9 +152,9 @@ def _flat_observations(env: gymnasium.Env, spec: EnvironmentSpec) -> gymnasium.E
         states = [key for key, part in space.spaces.items() if not _is_image(part)]
         if not states:
             raise EnvironmentFault(f"environment {spec.name}: observes only images; a policy needs a state to act on")
-        if len(states) < len(space.spaces):
-            env = FilterObservation(env, states)
-        return FlattenObservation(env)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # about infinite bounds
+            return FlattenObservation(env if len(states) == len(space.spaces) else FilterObservation(env, states))
     if _is_image(space):
         raise EnvironmentFault(f"environment {spec.name}: observes an image; a policy needs a state to act on")
     return env if isinstance(space, spaces.Box) and len(space.shape) == 1 else FlattenObservation(env)

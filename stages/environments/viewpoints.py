@@ -25,60 +25,109 @@ class Viewpoint(NamedTuple):
     distance: float = 1.0
 
 
-class Viewed(gymnasium.Wrapper):
-    """Shows an environment from another viewpoint."""
+class Pose(NamedTuple):
+    """Pose of a free camera: angles in degrees, distance and the point that it looks at in meters."""
 
-    def __init__(self, env: gymnasium.Env, viewpoint: Viewpoint | None = None):
-        """Look from `viewpoint`; None: from where the environment's own camera is."""
+    at: np.ndarray
+    distance: float
+    azimuth: float
+    elevation: float
+
+    def seen_from(self, viewpoint: Viewpoint) -> Pose:
+        """The pose of a viewpoint relative to this one."""
+        return Pose(
+            self.at,
+            self.distance * viewpoint.distance,
+            self.azimuth + viewpoint.azimuth,
+            float(np.clip(self.elevation + viewpoint.elevation, -89, 89)),
+        )
+
+
+class Viewed(gymnasium.Wrapper):
+    """Shows an environment from another viewpoint. MuJoCo may be underneath in Gymnasium's way or in dm_control's."""
+
+    def __init__(self, env: gymnasium.Env, viewpoint: Viewpoint | None = None, size: tuple[int, int] | None = None):
+        """Look from `viewpoint`.
+
+        Args:
+            env: The environment.
+            viewpoint: The viewpoint; None: that of the environment's own camera.
+            size: Height and width of the images of environments of dm_control, pixels; None: the environment's own.
+        """
         super().__init__(env)
-        self._viewpoint = viewpoint
-        self._own: dict[str, Any] | None = None
+        self._viewpoint, self._size = viewpoint, size
+        self._own: Pose | None = None
 
     @property
     def can_move(self) -> bool:
         """Whether the environment has a camera that can be moved."""
-        return getattr(self.env.unwrapped, "mujoco_renderer", None) is not None
+        return hasattr(self.env.unwrapped, "mujoco_renderer") or physics_of(self.env) is not None
 
     def look_from(self, viewpoint: Viewpoint) -> None:
         """Change the viewpoint, from the next image on."""
         self._viewpoint = viewpoint
-        if self._own is not None:
-            self._move(viewpoint)
+        if self._own is not None and physics_of(self.env) is None:
+            self._move_viewer(self._own.seen_from(viewpoint))
 
     def render(self) -> Any:
+        physics = physics_of(self.env)
+        if physics is not None and (self._viewpoint is not None or self._size is not None):
+            return self._render_physics(physics)
         if self._viewpoint is not None and self._own is None and self.can_move:
             self.env.render()  # Makes the viewer, which holds the camera.
-            self._own = self._camera()
-            self._move(self._viewpoint)
+            renderer: Any = self.env.unwrapped.mujoco_renderer  # type: ignore[attr-defined]
+            camera, index = renderer.viewer.cam, renderer.camera_id
+            if index is None or index < 0:
+                at = np.array(camera.lookat)
+                self._own = Pose(at, camera.distance, camera.azimuth, camera.elevation)
+            else:
+                self._own = _as_free_camera(renderer.model, renderer.data, index)
+            self._move_viewer(self._own.seen_from(self._viewpoint))
         return self.env.render()
 
-    def _camera(self) -> dict[str, Any]:
-        """Pose of the environment's own camera: azimuth, elevation, distance and what it looks at."""
-        inner: Any = self.env.unwrapped
-        renderer, model, data = inner.mujoco_renderer, inner.model, inner.data
-        camera, index = renderer.viewer.cam, renderer.camera_id
-        if index is None or index < 0:
-            place = np.array(camera.lookat)
-            return {"azimuth": camera.azimuth, "elevation": camera.elevation, "distance": camera.distance, "at": place}
-        position, ahead = np.array(data.cam_xpos[index]), -np.array(data.cam_xmat[index]).reshape(3, 3)[:, 2]
-        distance = max(float((np.array(model.stat.center) - position) @ ahead), 0.1 * float(model.stat.extent))
-        model.vis.global_.fovy = model.cam_fovy[index]
-        return {
-            "azimuth": math.degrees(math.atan2(ahead[1], ahead[0])),
-            "elevation": math.degrees(math.asin(np.clip(ahead[2], -1, 1))),
-            "distance": distance,
-            "at": position + distance * ahead,
-        }
-
-    def _move(self, viewpoint: Viewpoint) -> None:
-        assert self._own is not None
+    def _move_viewer(self, pose: Pose) -> None:
         renderer: Any = self.env.unwrapped.mujoco_renderer  # type: ignore[attr-defined]
         camera = renderer.viewer.cam
         if camera.type == FIXED:
             renderer.camera_id = -1  # A free camera, whose pose is set here.
         elif camera.type == TRACKING:
             renderer.camera_id = None  # Keeps following its body.
-        camera.azimuth = self._own["azimuth"] + viewpoint.azimuth
-        camera.elevation = float(np.clip(self._own["elevation"] + viewpoint.elevation, -89, 89))
-        camera.distance = self._own["distance"] * viewpoint.distance
-        camera.lookat[:] = self._own["at"]
+        camera.azimuth, camera.elevation, camera.distance = pose.azimuth, pose.elevation, pose.distance
+        camera.lookat[:] = pose.at
+
+    def _render_physics(self, physics: Any) -> np.ndarray:
+        from dm_control.mujoco.engine import MovableCamera
+
+        make_plain(physics.model)  # Composer compiles another model for every episode.
+        given: dict[str, Any] = getattr(self.env.unwrapped, "render_kwargs", {})
+        height, width = self._size or (given.get("height", 240), given.get("width", 320))
+        camera = MovableCamera(physics, height, width)
+        index = given.get("camera_id", -1)
+        if isinstance(index, str):
+            index = physics.model.name2id(index, "camera")
+        own = _as_free_camera(physics.model, physics.data, index) if index >= 0 else Pose(*camera.get_pose())
+        pose = own.seen_from(self._viewpoint or Viewpoint())
+        camera.set_pose(pose.at, pose.distance, pose.azimuth, pose.elevation)
+        return camera.render().copy()
+
+
+def physics_of(env: gymnasium.Env) -> Any:
+    """The physics of an environment of dm_control (through Shimmy); None: it has none."""
+    physics = getattr(getattr(env.unwrapped, "_env", None), "physics", None)
+    return physics if hasattr(physics, "render") else None
+
+
+def make_plain(model: Any) -> None:
+    """Render a model without multisampling, shadows and reflections; only before its first image."""
+    model.vis.quality.offsamples = 0
+    model.vis.quality.shadowsize = 0
+    model.mat_reflectance[:] = 0
+
+
+def _as_free_camera(model: Any, data: Any, index: int) -> Pose:
+    """The pose of a free camera that sees what a camera of the model sees; also takes over its field of view."""
+    position, ahead = np.array(data.cam_xpos[index]), -np.array(data.cam_xmat[index]).reshape(3, 3)[:, 2]
+    distance = max(float((np.array(model.stat.center) - position) @ ahead), 0.1 * float(model.stat.extent))
+    model.vis.global_.fovy = model.cam_fovy[index]
+    azimuth, elevation = math.atan2(ahead[1], ahead[0]), math.asin(float(np.clip(ahead[2], -1, 1)))
+    return Pose(position + distance * ahead, distance, math.degrees(azimuth), math.degrees(elevation))

@@ -5,7 +5,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from stages.environments.making import EnvironmentFault, frame_of, make_environment, rendered
+from stages.environments.making import EnvironmentFault, episode_limit, frame_of, make_environment, rendered
 from stages.environments.spec import EnvironmentSpec
 from stages.environments.viewpoints import Viewpoint
 
@@ -51,6 +51,23 @@ def test_a_camera_of_the_model_moves_around_what_it_looks_at():
             frames.append(frame_of(rendered(env, spec), spec).astype(float))
     own, same, moved = frames
     assert np.abs(same - own).mean() < 0.05 * np.abs(moved - own).mean(), "a free camera with the same pose"
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_environments_of_dm_control_are_seen_from_anywhere_too():
+    frames = []
+    for viewpoint in (None, Viewpoint(), Viewpoint(60, 0, 0.7)):
+        spec = EnvironmentSpec("dm_control/reacher-easy-v0", {}, 0, 0, 25, (48, 48), None, viewpoint)
+        with closing(make_environment(spec)) as env:
+            observation, _ = env.reset(seed=0)
+            assert observation.shape == (6,) and env.get_wrapper_attr("can_move")
+            assert episode_limit(env) == 1000
+            image = rendered(env, spec)
+            assert image.shape == (96, 96, 3)
+            frames.append(frame_of(image, spec).astype(float))
+    own, same, moved = frames
+    np.testing.assert_array_equal(own, same)
+    assert np.abs(moved - own).mean() > 5
 
 
 def test_where_no_camera_can_be_moved_a_viewpoint_is_refused():
