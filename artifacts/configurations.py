@@ -28,6 +28,7 @@ class EnvironmentConfiguration(BaseModel):
     size: Annotated[list[Size], Field(min_length=2, max_length=2)]
     crop: Annotated[list[Count], Field(min_length=4, max_length=4)] | None
     viewpoint: Annotated[list[Finite], Field(min_length=3, max_length=3)] | None
+    success: Text
 
 
 class Configuration(BaseModel):

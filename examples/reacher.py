@@ -26,3 +26,8 @@ def reach(observation: np.ndarray) -> np.ndarray:
     )
     turn = -jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + SINGULAR * np.eye(2), offset)
     return np.clip(STIFFNESS * turn - DAMPING * velocity, -1, 1)
+
+
+def reached(observation: np.ndarray, info: dict) -> bool:
+    """Whether the fingertip is within 2 cm of the target, for `--success reacher:reached`."""
+    return bool(np.linalg.norm(observation[8:10]) < 0.02)

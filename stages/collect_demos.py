@@ -45,6 +45,7 @@ OF_ENVIRONMENTS = (
     "size",
     "crop",
     "viewpoint",
+    "success",
     "azimuth",
     "elevation",
     "distance",

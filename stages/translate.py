@@ -84,7 +84,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     if config.env:
         spec, frame = first_scene(config, demos.describe()["frames"][0][1], (size[0], size[1]))
         run.progress.say(f"context: {spec.name}, seed {spec.seed}, episodes of {spec.control_steps} steps")
-        if note := permission_needed(spec.name, spec.kwargs):
+        if note := permission_needed(spec.name, spec.kwargs, spec.success):
             run.progress.say(note)
     elif config.context_image:
         frame = image_scene(config, (size[0], size[1]))

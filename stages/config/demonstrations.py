@@ -10,7 +10,7 @@ from typing import NamedTuple
 from artifacts.encoding import CRF
 from artifacts.errors import UsageError
 from stages.config.contexts import CONTEXTS_HELP, VARY_HELP, check_contexts
-from stages.config.environments import parse_kwargs, parse_viewpoint
+from stages.config.environments import SUCCESS_HELP, check_success, parse_kwargs, parse_viewpoint
 from stages.config.fields import Config, Only, one_of, option
 from stages.config.names import CAMERA, CONTEXTS, EXPORT_FORMATS, FRAME_SIDES, PLAIN_FPS
 
@@ -61,6 +61,7 @@ class DemosConfig(Config):
         metavar="NAME",
     )
     env_kwargs: tuple[str, ...] = option((), "Keyword argument of env:ID, KEY=VALUE (repeatable).", off=())
+    success: str = option("", SUCCESS_HELP, off="", metavar="NAME")
     episode_steps: int = option(
         0, "Steps per episode of env:ID (0: the environment's own limit).", low=0, high=1_000_000, off=0
     )
@@ -85,6 +86,7 @@ class DemosConfig(Config):
         check_contexts(self.contexts, self.vary)
         parse_kwargs(self.env_kwargs)
         parse_viewpoint(self.viewpoint)
+        check_success(self.success)
         parse_size(self.size)
         if self.crop:
             parse_crop(self.crop)

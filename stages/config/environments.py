@@ -55,6 +55,23 @@ def parse_viewpoint(text: str) -> tuple[float, float, float] | None:
     return azimuth, elevation, distance
 
 
+SUCCESS_HELP = (
+    "Function MODULE:ATTR of the observation and `info` of the last step that returns whether the episode succeeds "
+    "(default: what the environment reports)."
+)
+
+
+def check_success(name: str) -> None:
+    """Refuse a `--success` that is no MODULE:ATTR.
+
+    Raises:
+        UsageError: It is not.
+    """
+    module, colon, attribute = name.partition(":")
+    if name and not (module and colon and attribute.isidentifier()):
+        raise UsageError(f"--success {name}: expected MODULE:ATTR, a function of the last observation and info")
+
+
 def refuse_unless_trusted(name: str, kwargs: Mapping[str, Any]) -> None:
     """Refuse an environment of a file that would import code or open other files, unless the user permits it.
 
@@ -66,8 +83,8 @@ def refuse_unless_trusted(name: str, kwargs: Mapping[str, Any]) -> None:
         return
     if ":" in name:
         raise UsageError(
-            f"the file names environment {name!r}, whose code is imported only with your permission: if you trust it, "
-            f"export {TRUSTED}={name}"
+            f"the file names {name!r}, whose code is imported only with your permission: if you trust it, export "
+            f"{TRUSTED}={','.join(sorted({*filter(None, listed), name}))}"
         )
     paths = [key for key, value in kwargs.items() if not _is_plain(value)]
     if paths:
@@ -86,10 +103,17 @@ def _is_plain(value: Any) -> bool:
     return not isinstance(value, str) or value.replace("-", "_").isidentifier()
 
 
-def permission_needed(name: str, kwargs: Mapping[str, Any]) -> str:
+def permission_needed(name: str, kwargs: Mapping[str, Any], success: str) -> str:
     """Return what the user must do so that later stages can make the environment; empty: nothing."""
+    needed = [other for other, given in ((name, kwargs), (success, {})) if other and not _is_trusted(other, given)]
+    if not needed:
+        return ""
+    return f"later stages use {' and '.join(needed)} only with your permission: export {TRUSTED}={','.join(needed)}"
+
+
+def _is_trusted(name: str, kwargs: Mapping[str, Any]) -> bool:
     try:
         refuse_unless_trusted(name, kwargs)
     except UsageError:
-        return f"later stages make {name} only with your permission: export {TRUSTED}={name}"
-    return ""
+        return False
+    return True

@@ -9,7 +9,7 @@ from typing import ClassVar
 from artifacts.errors import UsageError
 from stages.config.contexts import check_contexts
 from stages.config.demonstrations import parse_crop
-from stages.config.environments import parse_kwargs, parse_viewpoint
+from stages.config.environments import SUCCESS_HELP, check_success, parse_kwargs, parse_viewpoint
 from stages.config.fields import Config, Not, option
 from stages.config.names import ALIGNMENTS, ARCHITECTURES, CONTEXTS, KEPT_WEIGHTS, LOSSES, SCHEDULES, SPLITS
 
@@ -17,7 +17,7 @@ TRAINS = Not("steps", 0)
 RECONSTRUCTS = (TRAINS, Not("without", "rec"))
 IN_SIMULATION = (Not("context_image"), Not("env"))
 # Options that have an effect only where the learner's context is a Gymnasium environment.
-OF_ENVIRONMENTS = ("env_kwargs", "env_seed", "viewpoint", "episode_steps")
+OF_ENVIRONMENTS = ("env_kwargs", "env_seed", "viewpoint", "success", "episode_steps")
 
 
 @dataclass(frozen=True)
@@ -173,6 +173,7 @@ class TranslateConfig(Config):
         metavar="A,E,D",
         tag="view",
     )
+    success: str = option("", SUCCESS_HELP, off="", metavar="NAME")
     episode_steps: int = option(
         0,
         "Steps per episode, over which the target's frames are spread evenly (0: the environment's own limit).",
@@ -197,3 +198,4 @@ class TranslateConfig(Config):
             parse_crop(self.crop)
         parse_kwargs(self.env_kwargs)
         parse_viewpoint(self.viewpoint)
+        check_success(self.success)

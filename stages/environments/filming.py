@@ -22,6 +22,7 @@ from stages.environments.attempts import FEWEST_ATTEMPTS, MAX_ATTEMPTS
 from stages.environments.demonstrators import Demonstrate, load_demonstrator
 from stages.environments.making import EnvironmentFault, fault, frame_of, make_environment, rendered
 from stages.environments.spec import EnvironmentSpec
+from stages.environments.success import Success
 from stages.environments.viewpoints import Viewpoint
 from stages.runtime.progress import Bar
 from stages.runtime.seeding import generator
@@ -61,6 +62,7 @@ class Studio:
         """
         self._spec, self._name = spec, demonstrator
         self._act: Demonstrate = load_demonstrator(demonstrator)
+        self._success = Success()
         self.env: gymnasium.Env = make_environment(replace(spec, viewpoint=Viewpoint()), raw=True)
         self.can_move: bool = self.env.get_wrapper_attr("can_move")
 
@@ -73,7 +75,8 @@ class Studio:
         env, spec, timing = self.env, self._spec, self._spec.timing
         if self.can_move:
             env.get_wrapper_attr("look_from")(context.viewpoint)
-        where, total, success, ended = "reset", 0.0, None, False
+        where, total, ended = "reset", 0.0, False
+        self._success.reset()
         try:
             observation, _ = env.reset(seed=context.seed)
             where = "render"
@@ -85,10 +88,7 @@ class Studio:
                     where = "step"
                     observation, reward, terminated, truncated, info = env.step(_clipped(action, env))
                     total, ended = total + float(reward), terminated or truncated
-                    if "success" in info:
-                        success = bool(success) or bool(info["success"])
-                    elif "is_success" in info:
-                        success = bool(info["is_success"])
+                    self._success.see(info)
                 if timing.frame_at(step) is not None:
                     where = "render"
                     frames.append(frame_of(rendered(env, spec), spec))
@@ -96,7 +96,7 @@ class Studio:
             if where == "the demonstrator":
                 where = f"demonstrator {self._name}"
             raise EnvironmentFault(fault(spec, env, where, error)) from error
-        return Filmed(np.stack(frames), total, success)
+        return Filmed(np.stack(frames), total, self._success.value)
 
     def close(self) -> None:
         """Close the environment."""

@@ -13,6 +13,7 @@ from gymnasium import spaces
 
 from stages.environments.making import fault, frame_of, make_environment, rendered
 from stages.environments.spec import EnvironmentSpec
+from stages.environments.success import Success
 
 
 class Lockstep(gymnasium.Wrapper):
@@ -22,8 +23,7 @@ class Lockstep(gymnasium.Wrapper):
     - The last entry of the observation is the time, from 0 to 1.
     - An environment that ends early stands still in its last observation and frame until the end, without reward.
     - At the control steps of frames, `info["frame"]` is the frame (H, W, 3).
-    - After the last step, `info["outcome"]` has `env_return` and, if the environment reports it, `success`: whether
-      `info["success"]` was true at any step, or else `info["is_success"]` at the last one.
+    - After the last step, `info["outcome"]` has `env_return` and, if it is known, `success`.
     - If the environment's code fails, `info["fault"]` describes it in one line, and the rest of the episode is void.
     """
 
@@ -47,12 +47,12 @@ class Lockstep(gymnasium.Wrapper):
         self._ended = False
         self._frame: np.ndarray | None = None
         self._return = 0.0
-        self._success: bool | None = None
+        self._success = Success()
         self._fault = ""
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        self._step, self._ended, self._return, self._success = 0, False, 0.0, None
-        self._frame = None
+        self._step, self._ended, self._return, self._frame = 0, False, 0.0, None
+        self._success.reset()
         info: dict[str, Any] = {}
         where = "reset"
         try:
@@ -80,7 +80,7 @@ class Lockstep(gymnasium.Wrapper):
                 self._fail("render", error)
         last = self._step == self._spec.control_steps
         if last:
-            known = {} if self._success is None else {"success": float(self._success)}
+            known = {} if self._success.value is None else {"success": float(self._success.value)}
             info["outcome"] = {"env_return": self._return, **known}
         return self._observation(), reward, False, last, self._told(info)
 
@@ -88,10 +88,7 @@ class Lockstep(gymnasium.Wrapper):
         observed, reward, terminated, truncated, info = self.env.step(action)
         self._observed = self._checked(observed)
         self._return += float(reward)
-        if "success" in info:
-            self._success = bool(self._success) or bool(info["success"])
-        elif "is_success" in info:
-            self._success = bool(info["is_success"])
+        self._success.see(info)
         if terminated or truncated:
             self._ended = True
             if self._shown_frames and self._step < self._spec.control_steps:

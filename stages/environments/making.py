@@ -6,6 +6,7 @@ import importlib
 import inspect
 import math
 import warnings
+from collections.abc import Callable
 from importlib import util
 from typing import Any
 
@@ -17,6 +18,7 @@ from gymnasium.wrappers import FilterObservation, FlattenObservation, RescaleAct
 from artifacts import IfoError, PlatformError, UsageError, sha256_of
 from stages.config.demonstrations import Crop
 from stages.environments.spec import EnvironmentSpec
+from stages.environments.success import Judged
 from stages.environments.viewpoints import Viewed, Viewpoint, make_plain, physics_of
 from stages.footage.crops import reduced
 from stages.simulation.blame import failure
@@ -53,6 +55,8 @@ def make_environment(spec: EnvironmentSpec, raw: bool = False) -> gymnasium.Env:
             f"environment {spec.name}: its render_mode is {env.render_mode!r}, expected 'rgb_array': it must return "
             "images"
         )
+    if spec.success:
+        env = Judged(env, _judge(spec.success))
     viewed = env = _render_fast(env, spec)
     if spec.viewpoint is not None and spec.viewpoint != Viewpoint() and not viewed.can_move:
         raise EnvironmentFault(
@@ -105,6 +109,22 @@ def code_digest(spec: EnvironmentSpec) -> dict[str, str]:
     module, colon, attribute = spec.name.partition(":")
     found = util.find_spec(module) if colon and attribute.isidentifier() else None
     return {"environment_code": sha256_of(found.origin)} if found and found.origin else {}
+
+
+def _judge(name: str) -> Callable[..., Any]:
+    """The function MODULE:ATTR that decides about success.
+
+    Raises:
+        EnvironmentFault: There is none, or its module fails.
+    """
+    module, _, attribute = name.partition(":")
+    try:
+        judge = getattr(importlib.import_module(module), attribute)
+    except (Exception, SystemExit) as error:
+        raise EnvironmentFault(f"--success {name}: cannot be loaded {failure(error, [module])}") from error
+    if not callable(judge):
+        raise EnvironmentFault(f"--success {name}: is a {type(judge).__name__}, expected a function")
+    return judge
 
 
 def episode_limit(env: gymnasium.Env) -> int | None:

@@ -37,7 +37,9 @@ def first_scene(config: TranslateConfig, frames: int, size: tuple[int, int]) -> 
     kwargs = parse_kwargs(config.env_kwargs)
     viewpoint = parse_viewpoint(config.viewpoint)
     looking = None if viewpoint is None else Viewpoint(*viewpoint)
-    spec = EnvironmentSpec(config.env, kwargs, config.env_seed, config.episode_steps, frames, size, crop, looking)
+    spec = EnvironmentSpec(
+        config.env, kwargs, config.env_seed, config.episode_steps, frames, size, crop, looking, config.success
+    )
     env = make_environment(spec)
     try:
         spec = _with_steps(spec, env)
@@ -63,7 +65,7 @@ def filmed_scene(name: str, config: DemosConfig, seed: int) -> tuple[Environment
     kwargs, size = parse_kwargs(config.env_kwargs), parse_size(config.size)
     viewpoint = parse_viewpoint(config.viewpoint)
     looking = None if viewpoint is None else Viewpoint(*viewpoint)
-    spec = EnvironmentSpec(name, kwargs, seed, config.episode_steps, config.frames, size, crop, looking)
+    spec = EnvironmentSpec(name, kwargs, seed, config.episode_steps, config.frames, size, crop, looking, config.success)
     env = make_environment(spec, raw=True)
     try:
         spec = _with_steps(spec, env)
@@ -123,6 +125,7 @@ def as_filmed(config: TranslateConfig, demos: Artifact, given: Collection[str]) 
         env_kwargs=config.env_kwargs or tuple(f"{key}={json.dumps(value)}" for key, value in spec.kwargs.items()),
         episode_steps=config.episode_steps or spec.control_steps,
         viewpoint=config.viewpoint or ("" if spec.viewpoint is None else ",".join(map(str, spec.viewpoint))),
+        success=config.success or spec.success,
         crop=config.crop or ("" if spec.crop is None else ",".join(map(str, spec.crop))),
     )
 

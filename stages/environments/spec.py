@@ -26,6 +26,8 @@ class EnvironmentSpec:
         size: Height and width of a frame, pixels.
         crop: Part of the rendered image that is reduced to `size`; None: all of it.
         viewpoint: Viewpoint relative to the environment's own camera; None: its own camera.
+        success: `MODULE:ATTR`, a function (observation, info) of the last step that returns whether the episode
+            succeeds; empty: what the environment itself reports.
     """
 
     name: str
@@ -36,6 +38,7 @@ class EnvironmentSpec:
     size: tuple[int, int] = (48, 48)
     crop: Crop | None = None
     viewpoint: Viewpoint | None = None
+    success: str = ""
 
     @property
     def timing(self) -> Timing:
@@ -53,6 +56,7 @@ class EnvironmentSpec:
             "size": list(self.size),
             "crop": None if self.crop is None else list(self.crop),
             "viewpoint": None if self.viewpoint is None else list(self.viewpoint),
+            "success": self.success,
         }
 
     @classmethod
@@ -76,6 +80,7 @@ class EnvironmentSpec:
             (recorded["size"][0], recorded["size"][1]),
             None if crop is None else Crop(*crop),
             None if viewpoint is None else Viewpoint(*viewpoint),
+            recorded["success"],
         )
         if spec.frames > spec.control_steps + 1:
             raise ArtifactError(
@@ -83,4 +88,6 @@ class EnvironmentSpec:
                 "again"
             )
         refuse_unless_trusted(spec.name, spec.kwargs)
+        if spec.success:
+            refuse_unless_trusted(spec.success, {})
         return spec

@@ -131,3 +131,14 @@ class Remembering:
 
     def get_action(self, observation):
         return [2.0, 0.0]
+
+
+def is_far(observation, info):
+    """A success that the environment does not report."""
+    state = observation["state"] if isinstance(observation, dict) else observation
+    return state[0] > 0.9 and "success" not in info
+
+
+def unsure(observation, info):
+    """A judge whose code fails."""
+    raise KeyError("goal")

@@ -17,8 +17,8 @@ HERE = "tests.stages.environments.slides"
 RIGHT, LEFT = np.array([1.0, 0.0], np.float32), np.array([-1.0, 0.0], np.float32)
 
 
-def spec(attribute="Slide", *, steps=10, frames=3, size=(16, 16), seed=1, crop=None, **kwargs):
-    return EnvironmentSpec(f"{HERE}:{attribute}", kwargs, seed, steps, frames, size, crop)
+def spec(attribute="Slide", *, steps=10, frames=3, size=(16, 16), seed=1, crop=None, success="", **kwargs):
+    return EnvironmentSpec(f"{HERE}:{attribute}", kwargs, seed, steps, frames, size, crop, None, success)
 
 
 def opened(what, processes=1, rounds=1, shown=None):
@@ -97,6 +97,24 @@ def test_a_flag_named_success_counts_at_any_step_and_is_success_at_the_last():
     with opened(spec(report="")) as env:
         play(env, always(RIGHT))
         assert set(env.pop_outcomes()) == {"env_return"} and env.pop_figures() == {}
+
+
+@pytest.mark.parametrize("dictionary", [False, True])
+def test_a_users_function_may_decide_about_success(dictionary):
+    for steps, expected in ((10, 0.0), (25, 1.0)):
+        what = spec(steps=steps, limit=0, success=f"{HERE}:is_far", dictionary=dictionary)
+        with opened(what) as env:
+            play(env, always(RIGHT))
+            assert env.pop_outcomes()["success"][0] == expected
+    message = r"step failed at .*slides.py:\d+ \(KeyError: 'goal'\)"
+    with pytest.raises(EnvironmentFault, match=message), opened(spec(success=f"{HERE}:unsure")) as env:
+        play(env, always(RIGHT))
+
+
+@pytest.mark.parametrize(("name", "words"), [("absent", "cannot be loaded"), ("SIDE", "is a int, expected a function")])
+def test_what_cannot_decide_about_success_is_refused(name, words):
+    with pytest.raises(EnvironmentFault, match=f"--success {HERE}:{name}: {words}"):
+        make_environment(spec(success=f"{HERE}:{name}"))
 
 
 def test_only_frames_that_are_asked_for_are_rendered():
