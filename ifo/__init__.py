@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from artifacts import Artifact, ArtifactError, IfoError, PlatformError, UsageError, read_artifact
     from ifo import envs, scene, suite
-    from ifo.api import TranslationReward, check_task, load_policy, make_task, verify
+    from ifo.api import TranslationReward, TranslationRewardVector, check_task, load_policy, make_task, verify
     from stages.simulation.blame import TaskError
     from stages.simulation.contexts import ContextDistribution, Contexts
     from stages.simulation.task import State, Task
@@ -31,7 +31,15 @@ _MODULE_OF = {
     name: module
     for module, names in {
         "artifacts": ("Artifact", "ArtifactError", "IfoError", "PlatformError", "UsageError", "read_artifact"),
-        "ifo.api": ("TranslationReward", "__version__", "check_task", "load_policy", "make_task", "verify"),
+        "ifo.api": (
+            "TranslationReward",
+            "TranslationRewardVector",
+            "__version__",
+            "check_task",
+            "load_policy",
+            "make_task",
+            "verify",
+        ),
         "stages.simulation.blame": ("TaskError",),
         "stages.simulation.contexts": ("ContextDistribution", "Contexts"),
         "stages.simulation.task": ("State", "Task"),
@@ -51,6 +59,7 @@ __all__ = [
     "Task",
     "TaskError",
     "TranslationReward",
+    "TranslationRewardVector",
     "UsageError",
     "__version__",
     "check_task",

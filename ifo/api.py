@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,11 @@ if TYPE_CHECKING:
     from stages.simulation.task import Task
 
 __version__ = ifo_version()
+# Classes of rewards, loaded on first use, and their modules.
+REWARDS = {
+    "TranslationReward": "stages.rewards.gym_wrapper",
+    "TranslationRewardVector": "stages.rewards.gym_vector",
+}
 
 
 def verify(path: str | Path) -> VerifyReport:
@@ -85,9 +91,7 @@ def _choose_backend(required: bool = True) -> None:
 
 
 def __getattr__(name: str) -> Any:
-    if name != "TranslationReward":
+    if name not in REWARDS:
         raise AttributeError(f"module 'ifo.api' has no attribute {name!r}")
-    _choose_backend(required=False)  # TranslationReward makes the translation's task, which imports mujoco.
-    from stages.rewards.gym_wrapper import TranslationReward
-
-    return TranslationReward
+    _choose_backend(required=False)  # They make the translation's task, which imports mujoco.
+    return getattr(importlib.import_module(REWARDS[name]), name)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Collection
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, SupportsFloat
 
@@ -84,32 +85,18 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
             pixels=pixels,
         )
         gymnasium.Wrapper.__init__(self, env)
-        source = read_artifact(translation, "translation")
-        learning = _learning(source)
-        device = pick_device(device)
-        target = TrackingTarget.of(source, learning.blur if blur is None else blur, device)
-        self._size = (int(target.images.shape[2]), int(target.images.shape[3]))
-        self._frames = len(target.images)
+        target = Target.of(translation, frame_every, without, image_weight, blur, ramp, device)
+        self._target = target
+        self._size, self._frames, self._frame_every = target.size, target.frames, target.frame_every
+        self._reward = target.reward
         self._pixels = pixels
-        self._context_frame = source["context_frame"]
         self._warned: set[str] = set()
         self._checked = False
         self._step = 0
         self._moved = False
         self._check_shown()
-        self._frame_every = _frame_every(source) if frame_every is None else frame_every
-        if self._frame_every < 1:
-            raise UsageError(f"frame_every={frame_every}: expected at least 1 step between two frames")
         steps = None if env.spec is None else env.spec.max_episode_steps
         self._warn(length_problem(steps, self._frames, self._frame_every))
-        self._reward = TrackingReward(
-            load_translator(source.parent("translator", check=True), device),
-            target,
-            time_weights(_ramp(source, ramp or learning.ramp), self._frames),
-            learning.image_weight if image_weight is None else image_weight,
-            _without(without),
-            device,
-        )
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode at frame 0 of the target."""
@@ -118,7 +105,7 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
         self._moved = False
         if not self._checked:  # Check the result of `render` here, the earliest point at which it is available.
             self._first = self._shown(observation)
-            for problem in problems_of_first_frame(self._first, self._context_frame, self._reward.target.images):
+            for problem in problems_of_first_frame(self._first, self._target.context_frame, self._reward.target.images):
                 self._warn(problem)
             self._checked = True
         return observation, info
@@ -162,13 +149,10 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
     def _shown(self, observation: Any) -> np.ndarray:
         """Current frame of the environment (H, W, 3), uint8, at the size of the translator's frames."""
         image: Any = self.env.render() if self._pixels is None else observation[self._pixels]
-        if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-            raise UsageError("TranslationReward: the environment returns no RGB image, expected uint8 of (H, W, 3)")
-        self._check_size(image.shape)
-        self._warn(stretch_problem(image.shape, self._size))
-        if image.shape[:2] == self._size:
-            return np.ascontiguousarray(image)  # `render` may return a flipped view.
-        return cv2.resize(image, self._size[::-1], interpolation=cv2.INTER_AREA)
+        checked = checked_image(image)
+        self._check_size(checked.shape)
+        self._warn(stretch_problem(checked.shape, self._size))
+        return reduced_to(checked, self._size)
 
     def _check_shown(self) -> None:
         """Reject environments without frames, as far as this is possible before the first episode."""
@@ -194,11 +178,97 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
         self._check_size(images[self._pixels])
 
     def _check_size(self, shape: tuple[int, ...]) -> None:
-        if shape[0] < self._size[0] or shape[1] < self._size[1]:
-            raise UsageError(
-                f"TranslationReward: the environment's frames have {shape[1]}x{shape[0]} pixels, expected "
-                f"{self._size[1]}x{self._size[0]} (the translator's size) or more"
-            )
+        check_size(shape, self._size)
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a translation's reward tracks, and how.
+
+    Attributes:
+        reward: The reward for single frames.
+        context_frame: The context frame (H, W, 3), uint8.
+        frame_every: Steps between two frames.
+    """
+
+    reward: TrackingReward
+    context_frame: np.ndarray
+    frame_every: int
+
+    @property
+    def frames(self) -> int:
+        """Number of frames T."""
+        return len(self.reward.target.images)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width of a frame."""
+        shape = self.reward.target.images.shape
+        return int(shape[2]), int(shape[3])
+
+    @classmethod
+    def of(
+        cls,
+        translation: str | Path,
+        frame_every: int | None = None,
+        without: Collection[str] = (),
+        image_weight: float | None = None,
+        blur: float | None = None,
+        ramp: str | None = None,
+        device: str = "cpu",
+    ) -> Target:
+        """Load the target of a translation; see `TranslationReward` for the arguments.
+
+        Raises:
+            ArtifactError, PlatformError, UsageError: As `TranslationReward`.
+        """
+        source = read_artifact(translation, "translation")
+        learning = _learning(source)
+        device = pick_device(device)
+        target = TrackingTarget.of(source, learning.blur if blur is None else blur, device)
+        every = _frame_every(source) if frame_every is None else frame_every
+        if every < 1:
+            raise UsageError(f"frame_every={every}: expected at least 1 step between two frames")
+        reward = TrackingReward(
+            load_translator(source.parent("translator", check=True), device),
+            target,
+            time_weights(_ramp(source, ramp or learning.ramp), len(target.images)),
+            learning.image_weight if image_weight is None else image_weight,
+            _without(without),
+            device,
+        )
+        return cls(reward, source["context_frame"], every)
+
+
+def checked_image(image: Any) -> np.ndarray:
+    """Return `image` if it is one (H, W, 3), uint8.
+
+    Raises:
+        UsageError: It is not.
+    """
+    if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        raise UsageError("TranslationReward: the environment returns no RGB image, expected uint8 of (H, W, 3)")
+    return image
+
+
+def check_size(shape: tuple[int, ...], size: tuple[int, int]) -> None:
+    """Refuse images smaller than frames of `size` (H, W).
+
+    Raises:
+        UsageError: They are.
+    """
+    if shape[0] < size[0] or shape[1] < size[1]:
+        raise UsageError(
+            f"TranslationReward: the environment's frames have {shape[1]}x{shape[0]} pixels, expected "
+            f"{size[1]}x{size[0]} (the translator's size) or more"
+        )
+
+
+def reduced_to(image: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Reduce an image (H', W', 3), uint8, to a frame of `size` (H, W) by area averaging."""
+    if image.shape[:2] == size:
+        return np.ascontiguousarray(image)  # `render` may return a flipped view.
+    return cv2.resize(image, size[::-1], interpolation=cv2.INTER_AREA)
 
 
 def _learning(source: Artifact) -> PolicyConfig:
