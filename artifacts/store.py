@@ -93,7 +93,7 @@ class Artifact:
         for parent in self.manifest.parents:
             if parent.kind == kind:
                 if check:
-                    check_parent(self.path, parent)
+                    return checked_parent(self.path, parent, kind)
                 return read_artifact(_existing_parent(self.path, parent), kind)
         raise ArtifactError(f"{self.path} has no {kind} among its parents: {how_to_make(kind)}")
 
@@ -181,17 +181,21 @@ def is_unchanged(parent: Parent, found: Artifact) -> bool:
     return parent.sha256 == _sha256(found.path, _identity(found.path))
 
 
-def check_parent(child: Path, parent: Parent) -> None:
-    """Check that a parent exists and has the content that the child recorded.
+def checked_parent(child: Path, parent: Parent, kind: Kinds = None) -> Artifact:
+    """Open a parent, and check that it has the content that the child recorded.
+
+    What is checked is what is returned: a file that replaces it afterwards is refused when its data are read.
 
     Raises:
-      ArtifactError: The parent is missing, unreadable, or has other content.
+      ArtifactError: The parent is missing, unreadable, of another kind, or has other content.
     """
     path = _existing_parent(child, parent)
-    if not is_unchanged(parent, read_artifact(path)):
+    found = read_artifact(path, kind)
+    if not is_unchanged(parent, found):
         raise ArtifactError(
             f"{child} was made from {path}, which has changed since: put the old file back, or make {child.name} again"
         )
+    return found
 
 
 @contextmanager

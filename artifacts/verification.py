@@ -10,7 +10,7 @@ from artifacts import hdf5
 from artifacts.kinds import KINDS
 from artifacts.layout import checked_names
 from artifacts.paths import parent_path
-from artifacts.store import check_finite, check_parent, open_unchanged, read_artifact
+from artifacts.store import check_finite, checked_parent, open_unchanged, read_artifact
 from artifacts.wording import undamaged
 
 
@@ -45,6 +45,6 @@ def verify_artifact(path: str | Path) -> VerifyReport:
                     raise OSError(hdf5.WRONG_DIGEST)
     parents = artifact.manifest.parents
     for parent in {(parent_path(artifact.path, parent), parent.digest): parent for parent in parents}.values():
-        check_parent(artifact.path, parent)
+        checked_parent(artifact.path, parent)
     size = artifact.path.stat().st_size
     return VerifyReport(artifact.path, artifact.kind, len(names), size, len(parents))

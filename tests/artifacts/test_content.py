@@ -14,6 +14,7 @@ from artifacts import (
     read_artifact,
     recipe_difference,
     recipe_of,
+    store,
     verify_artifact,
     write_artifact,
 )
@@ -109,6 +110,21 @@ def test_a_parent_that_is_made_again_alike_spoils_nothing(translator, demos):
     write_artifact(demos, "demos", demos_arrays(1), **PROVENANCE)
     with pytest.raises(ArtifactError, match=r"x\.translator\.h5 was made from .*x\.demos\.h5, which has changed since"):
         read_artifact(translator).parent("demos", check=True)
+
+
+def test_a_parent_that_is_replaced_just_after_its_check_is_refused(translator, demos, monkeypatch):
+    """Another file in its place would be read without a word."""
+    plain = store.is_unchanged
+
+    def replaced(parent, found):
+        same = plain(parent, found)
+        write_artifact(demos, "demos", demos_arrays(1), **PROVENANCE)
+        return same
+
+    monkeypatch.setattr(store, "is_unchanged", replaced)
+    parent = read_artifact(translator).parent("demos", check=True)
+    with pytest.raises(ArtifactError, match=r"x\.demos\.h5"):
+        parent["frames"]
 
 
 def test_a_parent_is_recorded_as_it_was_when_it_was_opened(tmp_path, demos):
