@@ -17,6 +17,8 @@ from tests.faults.server import Outcome, command, start
 
 TINY = ("--workers", 1, "--quiet")
 NOTES = "undisturbed.json"
+SLIDES = "tests.stages.environments.slides"  # a Gymnasium environment and its demonstrators
+os.environ.setdefault("IFO_ENVS", f"{SLIDES}:Slide")  # files may name it
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,33 @@ STAGES = {
     "learn-policy gail": learning("gail", 2, "--reward", "gail", "--discriminator-steps", 2),
     "learn-policy tpil": learning("tpil", 2, "--reward", "tpil", "--discriminator-steps", 2),
     "evaluate": Stage(("evaluate", "x.policy.h5", "--episodes", 2, *TINY), "x.evaluation.h5", EVALUATED),
+    "collect-demos env": Stage(
+        (
+            *("collect-demos", f"env:{SLIDES}:Slide", "--demonstrator", f"{SLIDES}:go_right", "--preset", "toy"),
+            *("--n", 8, "--size", "16x16", "--frames", 6, *TINY),
+        ),
+        "g.demos.h5",
+    ),
+    "train-translator env": Stage(
+        ("train-translator", "g.demos.h5", "--steps", 4, "--checkpoint-every", 2, *TINY),
+        "g.translator.h5",
+        ("g.demos.h5",),
+        checkpoints=True,
+    ),
+    "translate env": Stage(
+        ("translate", "g.translator.h5", *TINY), "g.translation.h5", ("g.translator.h5", "g.demos.h5")
+    ),
+    "learn-policy env": Stage(
+        ("learn-policy", "g.translation.h5", "--iterations", 3, "--checkpoint-every", 1, "--episodes", 4, *TINY),
+        "g.policy.h5",
+        ("g.translation.h5", "g.translator.h5", "g.demos.h5"),
+        checkpoints=True,
+    ),
+    "evaluate env": Stage(
+        ("evaluate", "g.policy.h5", "--episodes", 2, *TINY),
+        "g.evaluation.h5",
+        ("g.policy.h5", "g.translation.h5", "g.translator.h5", "g.demos.h5"),
+    ),
     "import-demos": Stage(
         ("import-demos", "videos", "--frames", 5, "--size", "32x24"), "i.demos.h5", ("videos",), cheap=True
     ),

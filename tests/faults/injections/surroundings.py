@@ -77,7 +77,7 @@ def input_changed(case: Case) -> Verdict:
     stage = STAGES[name]
     case.originals.copy(case.folder, stage.inputs)
     # translate needs the expert only to rate the reward, and evaluate the ancestors only to name the method.
-    optional = {"translate": ("x.expert.h5",), "evaluate": stage.inputs[1:]}.get(name, ())
+    optional = {"translate": ("x.expert.h5",), "evaluate": stage.inputs[1:]}.get(stage.command, ())
     needed = [given for given in stage.inputs if given not in optional]
     victim = case.folder / case.choose(needed)
     if victim.is_dir():
