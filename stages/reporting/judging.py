@@ -19,10 +19,11 @@ from stages.reporting.figures import figures, means
 from stages.rewards.own import OwnReward
 from stages.runtime.seeding import generator, integer
 from stages.simulation.batch import rollout
-from stages.simulation.contexts import repeat
+from stages.simulation.contexts import Contexts, repeat
 from stages.simulation.recorded import recorded_contexts
 from stages.simulation.registry import code_digest, make_task
 from stages.simulation.render import RenderPool
+from stages.simulation.task import Task
 
 OUTCOMES = ("success", "env_return")  # of an episode in a Gymnasium environment
 CURVE = "normalised_distance", "final distance / initial distance"
@@ -70,20 +71,9 @@ class Simulated:
         self.about: dict[str, Any] = {"task": self._task.name, "success_threshold": self._task.success_threshold}
 
     def episodes(self, source: Artifact, episodes: int, seed: int, index: int) -> dict[str, np.ndarray]:
-        task = self._task
-        check_fits(source, task, self._observation)
-        policy, same = Policy.load(source), repeat(recorded_contexts(source, task), episodes)
-        qpos, qvel = task.draw_states(generator(seed, "evaluate", index), same)
-        noise = torch.Generator().manual_seed(integer(seed, "evaluate-noise", index))
-        calm = rollout(task, same, qpos, qvel, lambda state, _: policy.act(task.observe(state)), 1)
-        noisy = rollout(task, same, qpos, qvel, lambda state, _: policy.act(task.observe(state), noise), 1)
-        return {
-            "initial_distance": calm.initial_distance,
-            "final_distance": calm.final_distance,
-            "normalised_distance": calm.normalised_distance,
-            "final_distance_stochastic": noisy.final_distance,
-            "normalised_distance_stochastic": noisy.normalised_distance,
-        }
+        check_fits(source, self._task, self._observation)
+        contexts = recorded_contexts(source, self._task)
+        return simulated_episodes(self._task, Policy.load(source), contexts, episodes, seed, index)
 
     def video(self, source: Artifact, index: int) -> np.ndarray:
         with RenderPool.of(self._task, 1) as pool:
@@ -104,6 +94,24 @@ class Simulated:
 
     def curve(self, sources: Sequence[Artifact]) -> tuple[str, str, float | None]:
         return (*CURVE, self._task.success_threshold)
+
+
+def simulated_episodes(
+    task: Task, policy: Any, contexts: Contexts, episodes: int, seed: int, index: int
+) -> dict[str, np.ndarray]:
+    """Distances (E,) of `episodes` deterministic episodes, and of stochastic ones from the same initial states."""
+    same = repeat(contexts, episodes)
+    qpos, qvel = task.draw_states(generator(seed, "evaluate", index), same)
+    noise = torch.Generator().manual_seed(integer(seed, "evaluate-noise", index))
+    calm = rollout(task, same, qpos, qvel, lambda state, _: policy.act(task.observe(state)), 1)
+    noisy = rollout(task, same, qpos, qvel, lambda state, _: policy.act(task.observe(state), noise), 1)
+    return {
+        "initial_distance": calm.initial_distance,
+        "final_distance": calm.final_distance,
+        "normalised_distance": calm.normalised_distance,
+        "final_distance_stochastic": noisy.final_distance,
+        "normalised_distance_stochastic": noisy.normalised_distance,
+    }
 
 
 class Foreign:

@@ -90,7 +90,7 @@ def test_code_that_a_file_names_needs_permission(made, ifo, monkeypatch):
         assert f"export IFO_ENVS={SLIDE}" in done.stderr and done.stderr.count("\n") == 1
     done = ifo(made[0], "translate", "s.translator.h5", "--env", SLIDE, "-n", 2, "--out", "typed.translation.h5")
     assert done.returncode == 0, "typed on the command line"
-    assert f"later stages make {SLIDE} only with your permission" in done.stderr
+    assert f"later stages use {SLIDE} only with your permission" in done.stderr
 
 
 @pytest.mark.parametrize("learner", [("--reward", "oracle"), ("--reward", "gail"), ("--learner", "gps")])

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from stages.config.stages import HOUSEHOLD, TASKS
-from stages.evaluate import _episodes, _padded
+from stages.evaluate import _padded
 from stages.reporting.figures import figures
 from stages.reporting.intervals import bootstrap_mean, wilson
+from stages.reporting.judging import simulated_episodes
 from stages.runtime.seeding import generator
 from stages.simulation.batch import rollout
 from stages.simulation.contexts import repeat
@@ -75,7 +76,7 @@ class Push:
 def test_episodes_are_measured_without_and_with_noise_from_the_same_states():
     task = make_task("reach")
     contexts = learner_context(task, 0, distribution("paper"))
-    found = _episodes(task, Push(task.action_size), contexts, 3, 7, 2)
+    found = simulated_episodes(task, Push(task.action_size), contexts, 3, 7, 2)
     same = repeat(contexts, 3)
     states = task.draw_states(generator(7, "evaluate", 2), same)
     for suffix, action in (("", 0.6), ("_stochastic", -0.4)):
@@ -85,5 +86,5 @@ def test_episodes_are_measured_without_and_with_noise_from_the_same_states():
         np.testing.assert_allclose(found["initial_distance"], expected.initial_distance)
     assert len(set(found["initial_distance"])) == 3
     assert not np.allclose(found["final_distance"], found["final_distance_stochastic"])
-    other = _episodes(task, Push(task.action_size), contexts, 3, 7, 3)
+    other = simulated_episodes(task, Push(task.action_size), contexts, 3, 7, 3)
     assert not np.allclose(other["initial_distance"], found["initial_distance"]), "every policy has its own states"

@@ -13,6 +13,7 @@ from stages.learners.gps.controller import LinearGaussianController
 from stages.learners.policy import Policy, policy_video
 from stages.reporting.figures import figures
 from stages.reporting.intervals import bootstrap_mean
+from stages.reporting.judging import simulated_episodes
 from stages.runtime.progress import Progress
 from stages.runtime.run import RunOptions
 from stages.runtime.seeding import integer
@@ -73,7 +74,7 @@ def test_an_evaluation_records_distances_curves_and_facts_of_every_run(policy, t
     found = read_artifact(out, "evaluation")
     for row, path in enumerate(paths):
         loaded = Policy.load(read_artifact(path, "policy"))
-        expected = module._episodes(task, loaded, context, 3, 9, row)
+        expected = simulated_episodes(task, loaded, context, 3, 9, row)
         assert set(expected) == {name for name in found.names() if "/" not in name}
         for name, values in expected.items():
             np.testing.assert_allclose(found[name][row], values, err_msg=name)
@@ -126,7 +127,7 @@ def test_noise_follows_from_the_runs_seed_and_the_policys_number(task, context):
             return np.zeros((len(observations), 3))
 
     for seed, index in ((7, 0), (7, 1), (8, 0)):
-        module._episodes(task, Still(), context, 2, seed, index)
+        simulated_episodes(task, Still(), context, 2, seed, index)
     expected = [
         each
         for args in ((7, 0), (7, 1), (8, 0))
