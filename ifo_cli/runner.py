@@ -162,6 +162,8 @@ def _task_of(parents: Sequence[Artifact]) -> str:
     Raises:
         ArtifactError: There is no such task.
     """
+    if parents and parents[0].config.get("environment"):
+        return ""  # The learner lives in a Gymnasium environment, to which the task's own defaults do not apply.
     name = str(parents[0].config.get("task") or "") if parents else ""
     try:
         return check_task_name(name) if name else ""

@@ -127,7 +127,7 @@ def _collect_in_environment(name: str, config: DemosConfig, run: RunOptions) -> 
     out = run.out or default_path(
         Path("runs"), file_name(name) + name_tags(config, usual, run, 0, DEFAULT_PRESET), "demos"
     )
-    recipe = {"environment": name, **code_digest(spec), **demonstrator_digest(config.demonstrator)}
+    recipe = {"environment": name, **code_digest(spec.name, spec.success), **demonstrator_digest(config.demonstrator)}
     output = Output.of(out, "demos", "collect-demos", config, run, [], recipe)
     if kept := output.kept():
         return kept

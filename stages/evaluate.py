@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,6 +28,9 @@ from stages.runtime.outputs import Output
 from stages.runtime.progress import Progress
 from stages.runtime.run import RunOptions, StageResult, check, environment, full_config
 
+if TYPE_CHECKING:
+    from stages.environments.spec import EnvironmentSpec
+
 SHOWN = 6  # policies shown in the MP4
 # Learning curves copied from the policies.
 CURVES = ("curve/samples", "curve/normalised_distance", "curve/success", "curve/env_return")
@@ -40,6 +43,7 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     averaged over episodes, is below the task's threshold. In a Gymnasium environment, episodes succeed if the
     environment reports it. The success rate of the deterministic policy's episodes is reported too.
     """
+    from stages.environments.foreign import processes_for
     from stages.environments.spec import EnvironmentSpec
     from stages.reporting.plots import plot_learning_curves
     from stages.runtime.devices import use_threads
@@ -53,16 +57,14 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
         raise UsageError(f"{twice[0]}: given twice: pass each policy once; duplicates narrow the intervals")
     sources = [read_artifact(path, "policy") for path in policies]
     specs = [EnvironmentSpec.of(source) for source in sources]
-    names = sorted(
-        {source.config["task"] if spec is None else spec.name for source, spec in zip(sources, specs, strict=True)}
-    )
+    names = sorted({_place_of(source, spec) for source, spec in zip(sources, specs, strict=True)})
     if len(names) > 1:
         raise ArtifactError(f"policies of different tasks ({', '.join(names)}): evaluate each task separately")
     workers = use_threads(pick_workers(run.workers))
     name = stem_of(sources[0].path) + (f"-and-{len(sources) - 1}-more" if len(sources) > 1 else "")
     name += "" if run.seed == sources[0].manifest.seed else f"-s{run.seed}"
     out = run.out or default_path(sources[0].path.parent, name, "evaluation")
-    judge: Judge = Simulated(names[0]) if specs[0] is None else Foreign(names[0], specs, workers)
+    judge: Judge = Simulated(names[0]) if specs[0] is None else Foreign(specs, processes_for(config.episodes, workers))
     output = Output.of(out, "evaluation", "evaluate", config, run, sources, judge.recipe)
     if kept := output.kept():
         return kept
@@ -96,6 +98,19 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
         parents=sources,
         environment=environment(),
     )
+
+
+def _place_of(source: Artifact, spec: EnvironmentSpec | None) -> str:
+    """What must be equal for policies to be evaluated together: the task, or the environment without its context.
+
+    Raises:
+        ArtifactError: The policy has neither.
+    """
+    if spec is not None:
+        return " ".join([spec.name, *(f"{key}={value}" for key, value in spec.kwargs.items()), str(spec.control_steps)])
+    if not source.config.get("task"):
+        raise ArtifactError(f"{source.path}: names neither a task nor an environment: learn it again")
+    return str(source.config["task"])
 
 
 def _padded(rows: list[np.ndarray]) -> np.ndarray:

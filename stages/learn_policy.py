@@ -33,7 +33,6 @@ from stages.runtime.devices import pick_device, pick_workers
 from stages.runtime.outputs import Output, name_tags
 from stages.runtime.run import RunOptions, StageResult, check, environment, full_config
 from stages.simulation.contexts import repeat
-from stages.simulation.task import Task
 
 if TYPE_CHECKING:
     from stages.environments.protocol import Environment
@@ -162,7 +161,7 @@ def _simulated(config: PolicyConfig, source: Artifact, run: RunOptions, workers:
 
     task = make_task(source.config["task"])
     contexts = recorded_contexts(source, task)
-    _check_frames(source, task)
+    _check_frames(source, f"task {task.name}", (task.frames, *task.frame_size))
 
     @contextmanager
     def opened() -> Iterator[Environment]:
@@ -195,7 +194,7 @@ def _foreign(
     spec: EnvironmentSpec, config: PolicyConfig, source: Artifact, run: RunOptions, workers: int, device: str
 ) -> Place:
     """The Gymnasium environment of a translation."""
-    from stages.environments.foreign import ForeignEnvironment
+    from stages.environments.foreign import ForeignEnvironment, processes_for
     from stages.environments.making import code_digest
     from stages.environments.playing import play
     from stages.environments.scene import check_first_frame
@@ -211,8 +210,9 @@ def _foreign(
             f"--learner {config.learner} needs a reward with a target, and the own reward of {spec.name} has none: "
             "use --learner trpo"
         )
+    _check_frames(source, spec.name, (spec.frames, *spec.size))
     ramp = "none" if config.ramp == "task" else config.ramp
-    processes = min(workers, config.episodes)
+    processes = processes_for(config.episodes, workers)
 
     @contextmanager
     def opened() -> Iterator[Environment]:
@@ -221,7 +221,7 @@ def _foreign(
         reward: Any = OwnReward()
         if config.reward != "oracle":
             reward = frame_reward(config, source, spec.timing, ramp, run.seed, device)
-        rounds = -(-config.episodes // processes)
+        rounds = config.episodes // processes
         first = 0 if config.learner in LOCAL_LEARNERS else 1
         shown = range(0) if config.reward == "oracle" else range(first, spec.frames)
         with closing(ForeignEnvironment(spec, processes, rounds, reward, shown)) as env:
@@ -232,16 +232,17 @@ def _foreign(
             return play(env, policy.act)[0]
 
     described = {"environment": spec.described(), "processes": processes}
-    return Place("", {}, described, code_digest(spec), {}, ("success", "env_return"), opened, film)
+    recipe = code_digest(spec.name, spec.success) | {"processes": str(processes)}
+    return Place("", {}, described, recipe, {}, ("success", "env_return"), opened, film)
 
 
-def _check_frames(source: Artifact, task: Task) -> None:
-    """Raise ArtifactError if a translation has other frames than the task."""
-    found, wanted = source.describe()["target_images"][0][:3], (task.frames, *task.frame_size)
+def _check_frames(source: Artifact, name: str, wanted: tuple[int, int, int]) -> None:
+    """Raise ArtifactError if a translation has other frames (T, H, W) than the task or environment called `name`."""
+    found = source.describe()["target_images"][0][:3]
     if found != wanted:
         raise ArtifactError(
-            f"{source.path}: translations of {found[0]} frames of {found[2]}x{found[1]} pixels do not fit task "
-            f"{task.name}, which has {wanted[0]} of {wanted[2]}x{wanted[1]}: translate again"
+            f"{source.path}: translations of {found[0]} frames of {found[2]}x{found[1]} pixels do not fit {name}, "
+            f"which has {wanted[0]} of {wanted[2]}x{wanted[1]}: translate again"
         )
 
 

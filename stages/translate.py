@@ -47,6 +47,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     """
     import torch
 
+    from stages.environments.making import code_digest
     from stages.environments.scene import as_filmed, first_scene, image_scene
     from stages.reporting.plots import plot_quality
     from stages.rewards.quality import shown_tau
@@ -77,7 +78,8 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     usual = defaults(run.preset, "translate", task_name, own=known_defaults(task_name))
     tags = name_tags(config, usual, run, source.manifest.seed, source.config.get("preset", run.preset))
     out = run.out or default_path(source.path.parent, f"{stem_of(source.path)}-{where}{tags}", "translation")
-    output = Output.of(out, "translation", "translate", config, run, [source], _image_digest(config))
+    recipe = _image_digest(config) | code_digest(config.env, config.success)
+    output = Output.of(out, "translation", "translate", config, run, [source], recipe)
     if kept := output.kept():
         return kept
     contexts, expert, spec = None, None, None

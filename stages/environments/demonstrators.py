@@ -7,16 +7,13 @@ import json
 import os
 import zipfile
 from collections.abc import Callable
-from importlib import util
+from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from artifacts import sha256_of
-from stages.environments.making import EnvironmentFault
+from stages.environments.making import EnvironmentFault, module_file
 from stages.simulation.blame import failure
 
-Demonstrate = Callable[[Any], np.ndarray]
 # The algorithm that loads a policy of Stable-Baselines3, by the module of its class.
 ALGORITHMS = {
     "stable_baselines3.common.policies": "stable_baselines3:PPO",
@@ -26,13 +23,26 @@ ALGORITHMS = {
 }
 
 
-def load_demonstrator(name: str) -> Demonstrate:
-    """Return the policy called `name`: a function of an observation that returns an action.
+@dataclass(frozen=True)
+class Demonstrator:
+    """A policy to film.
+
+    Attributes:
+        act: Function of an observation that returns an action.
+        begin: Function that is called at the start of every episode.
+    """
+
+    act: Callable[[Any], Any]
+    begin: Callable[[], Any]
+
+
+def load_demonstrator(name: str) -> Demonstrator:
+    """Return the policy called `name`.
 
     Args:
         name: `MODULE:ATTR`, a function of the observation, or a class or object with `predict` (as in
             Stable-Baselines3) or `get_action` (as in Meta-World); or the path of a model saved by Stable-Baselines3
-            (`.zip`). Both run code of the user.
+            (`.zip`). Both run code of the user. If the object has `reset`, it is called at the start of every episode.
 
     Raises:
         EnvironmentFault: There is no such policy, or its code fails.
@@ -45,22 +55,22 @@ def load_demonstrator(name: str) -> Demonstrate:
         raise EnvironmentFault(
             f"demonstrator {name}: cannot be loaded {failure(error, [name.partition(':')[0]])}"
         ) from error
+    begin = getattr(policy, "reset", lambda: None)
     if hasattr(policy, "predict"):
-        return lambda observation: policy.predict(observation, deterministic=True)[0]
+        return Demonstrator(lambda observation: policy.predict(observation, deterministic=True)[0], begin)
     if hasattr(policy, "get_action"):
-        return lambda observation: policy.get_action(observation)
+        return Demonstrator(policy.get_action, begin)
     if not callable(policy):
         raise EnvironmentFault(
             f"demonstrator {name}: is a {type(policy).__name__}, expected a function of an observation, or an object "
             "with predict or get_action"
         )
-    return policy
+    return Demonstrator(policy, begin)
 
 
 def demonstrator_digest(name: str) -> dict[str, str]:
     """The SHA-256 of the demonstrator's file, as `{"demonstrator_code": ...}`; empty if it has none."""
-    found = None if name.endswith(".zip") else util.find_spec(name.partition(":")[0])
-    path = name if name.endswith(".zip") else (found.origin if found else None)
+    path = name if name.endswith(".zip") else module_file(name)
     return {"demonstrator_code": sha256_of(path)} if path and os.path.isfile(path) else {}
 
 

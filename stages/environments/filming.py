@@ -15,11 +15,12 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium import spaces
 
 from artifacts import ArtifactError, PlatformError
 from stages.config.stages import DemosConfig
 from stages.environments.attempts import FEWEST_ATTEMPTS, MAX_ATTEMPTS
-from stages.environments.demonstrators import Demonstrate, load_demonstrator
+from stages.environments.demonstrators import load_demonstrator
 from stages.environments.making import EnvironmentFault, fault, frame_of, make_environment, rendered
 from stages.environments.spec import EnvironmentSpec
 from stages.environments.success import Success
@@ -61,7 +62,7 @@ class Studio:
             EnvironmentFault: The environment or the demonstrator cannot be made.
         """
         self._spec, self._name = spec, demonstrator
-        self._act: Demonstrate = load_demonstrator(demonstrator)
+        self._demonstrator = load_demonstrator(demonstrator)
         self._success = Success()
         self.env: gymnasium.Env = make_environment(replace(spec, viewpoint=Viewpoint()), raw=True)
         self.can_move: bool = self.env.get_wrapper_attr("can_move")
@@ -79,20 +80,22 @@ class Studio:
         self._success.reset()
         try:
             observation, _ = env.reset(seed=context.seed)
+            where = "the demonstrator"
+            self._demonstrator.begin()
             where = "render"
             frames = [frame_of(rendered(env, spec), spec)]
             for step in range(1, spec.control_steps + 1):
                 if not ended:
                     where = "the demonstrator"
-                    action = self._act(observation)
+                    action = _clipped(self._demonstrator.act(observation), env)
                     where = "step"
-                    observation, reward, terminated, truncated, info = env.step(_clipped(action, env))
+                    observation, reward, terminated, truncated, info = env.step(action)
                     total, ended = total + float(reward), terminated or truncated
                     self._success.see(info)
                 if timing.frame_at(step) is not None:
                     where = "render"
                     frames.append(frame_of(rendered(env, spec), spec))
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             if where == "the demonstrator":
                 where = f"demonstrator {self._name}"
             raise EnvironmentFault(fault(spec, env, where, error)) from error
@@ -103,24 +106,34 @@ class Studio:
         self.env.close()
 
 
-def _clipped(action: Any, env: gymnasium.Env) -> np.ndarray:
+def _clipped(action: Any, env: gymnasium.Env) -> Any:
     space: Any = env.action_space
-    return np.clip(np.asarray(action, space.dtype).reshape(space.shape), space.low, space.high)
+    if not isinstance(space, spaces.Box):
+        return action
+    given = np.asarray(action, space.dtype)
+    if given.size != np.prod(space.shape) or not np.isfinite(given).all():
+        raise ValueError(f"its action is {repr(action)[:80]}, expected {space}")
+    return np.clip(given.reshape(space.shape), space.low, space.high)
 
 
 _studio: Studio | None = None
+_fault = ""
 
 
 def _open(spec: EnvironmentSpec, demonstrator: str) -> None:
-    global _studio
+    global _studio, _fault
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is handled by the parent process, which ends this one.
     os.environ.setdefault("LP_NUM_THREADS", "1")
-    _studio = Studio(spec, demonstrator)
+    try:
+        _studio = Studio(spec, demonstrator)
+    except EnvironmentFault as error:
+        _fault = str(error)
 
 
 def _film(context: Context) -> Filmed | str:
     """The episode, or what went wrong."""
-    assert _studio is not None
+    if _studio is None:
+        return _fault
     try:
         return _studio.film(context)
     except EnvironmentFault as error:

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from stages.learners.reward import Reward
 
 
+PATIENCE = 2.0  # seconds that a process gets to end
+
+
 @dataclass(frozen=True)
 class ForeignMoment:
     """What n environments show after a control step.
@@ -73,7 +76,7 @@ class ForeignEnvironment(Environment):
             assert size is not None
             super().__init__(spec.name, processes, spec.timing, reward, size[0], rounds)
         except BaseException:
-            self._venv.close()
+            _end(self._venv)
             raise
 
     def begin(self) -> ForeignMoment:
@@ -122,8 +125,12 @@ class ForeignEnvironment(Environment):
 
     def close(self) -> None:
         super().close()
-        with suppress(BrokenPipeError, ConnectionResetError, EOFError):  # A process has already ended.
-            self._venv.close()
+        _end(self._venv)
+
+
+def processes_for(episodes: int, workers: int) -> int:
+    """The largest number of processes, at most `workers`, among which `episodes` can be divided evenly."""
+    return max(count for count in range(1, min(workers, episodes) + 1) if episodes % count == 0)
 
 
 def _processes(make: Callable[[], Any], count: int) -> VecEnv:
@@ -133,6 +140,26 @@ def _processes(make: Callable[[], Any], count: int) -> VecEnv:
         return SubprocVecEnv([make] * count, start_method="spawn")
     except (EOFError, BrokenPipeError, ConnectionResetError) as error:
         raise PlatformError("a process of the environment ended as it started: try --workers 1 to see why") from error
+
+
+def _end(venv: VecEnv) -> None:
+    """End the processes, whatever they are doing; `SubprocVecEnv.close` would wait for those that are gone."""
+    if not isinstance(venv, SubprocVecEnv):
+        venv.close()
+        return
+    for remote in venv.remotes:
+        with suppress(OSError):
+            remote.send(("close", None))
+    for process in venv.processes:
+        process.join(PATIENCE)
+        if process.is_alive():
+            process.terminate()
+            process.join(PATIENCE)
+        if process.is_alive():
+            process.kill()
+    for remote in venv.remotes:
+        remote.close()
+    venv.closed = True
 
 
 def _frames(infos: Any) -> np.ndarray | None:

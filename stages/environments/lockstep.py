@@ -60,7 +60,7 @@ class Lockstep(gymnasium.Wrapper):
             where = "render"
             if 0 in self._shown_frames:
                 info["frame"] = self._shown()
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             self._fail(where, error)
         return self._observation(), self._told(info)
 
@@ -71,12 +71,12 @@ class Lockstep(gymnasium.Wrapper):
         if not self._ended:
             try:
                 reward = self._advance(action)
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 self._fail("step", error)
         if self._timing.frame_at(self._step) in self._shown_frames and not self._fault:
             try:
                 info["frame"] = self._frame if self._ended and self._frame is not None else self._shown()
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 self._fail("render", error)
         last = self._step == self._spec.control_steps
         if last:
@@ -107,7 +107,7 @@ class Lockstep(gymnasium.Wrapper):
     def _observation(self) -> np.ndarray:
         return np.append(self._observed, np.float32(self._step / self._spec.control_steps))
 
-    def _fail(self, where: str, error: Exception) -> None:
+    def _fail(self, where: str, error: BaseException) -> None:
         self._ended = True
         self._fault = self._fault or fault(self._spec, self.env, where, error)
 

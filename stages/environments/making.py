@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import math
+import os
 import warnings
 from collections.abc import Callable
 from importlib import util
@@ -81,10 +82,9 @@ def _made(spec: EnvironmentSpec) -> Any:
     if spec.name.startswith(SUITE):
         _register_suite()
     limit = {"max_episode_steps": spec.control_steps} if spec.control_steps else {}
+    given = {"render_mode": "rgb_array", **spec.kwargs, **limit}
     try:
-        return gymnasium.make(
-            spec.name, **{"render_mode": "rgb_array", **spec.kwargs}, **limit, disable_env_checker=True
-        )
+        return gymnasium.make(spec.name, **given, disable_env_checker=True)
     except gymnasium.error.UnregisteredEnv as error:
         raise EnvironmentFault(
             f"environment {spec.name}: {' '.join(str(error).split()).rstrip('.')}; if another package registers it, "
@@ -104,11 +104,20 @@ def _register_suite() -> None:
         raise PlatformError("environments of dm_control need Shimmy: pip install 'shimmy[dm-control]'") from error
 
 
-def code_digest(spec: EnvironmentSpec) -> dict[str, str]:
-    """The SHA-256 of the file of a user's factory, as `{"environment_code": ...}`; empty for a Gymnasium ID."""
-    module, colon, attribute = spec.name.partition(":")
-    found = util.find_spec(module) if colon and attribute.isidentifier() else None
-    return {"environment_code": sha256_of(found.origin)} if found and found.origin else {}
+def module_file(name: str) -> str:
+    """The file of the module in `MODULE:ATTR`; empty if there is none."""
+    module, colon, attribute = name.partition(":")
+    try:
+        found = util.find_spec(module) if colon and attribute.isidentifier() else None
+    except (ImportError, ValueError, AttributeError):
+        return ""
+    return found.origin if found and found.origin and os.path.isfile(found.origin) else ""
+
+
+def code_digest(*names: str) -> dict[str, str]:
+    """The SHA-256 of the files of users' functions, as `{"environment_code": ...}`; empty for Gymnasium IDs."""
+    digests = [sha256_of(path) for path in map(module_file, names) if path]
+    return {"environment_code": " ".join(digests)} if digests else {}
 
 
 def _judge(name: str) -> Callable[..., Any]:
@@ -211,7 +220,7 @@ def rendered(env: gymnasium.Env, spec: EnvironmentSpec) -> np.ndarray:
     if wanted[0] < spec.size[0] or wanted[1] < spec.size[1]:
         raise EnvironmentFault(
             f"environment {spec.name}: its image of {wanted[1]}x{wanted[0]} pixels is smaller than a frame of "
-            f"{spec.size[1]}x{spec.size[0]}: render larger images (--env-kwargs width=..., height=...)"
+            f"{spec.size[1]}x{spec.size[0]}: render larger images (--env-kwargs width=N --env-kwargs height=N)"
         )
     return image
 

@@ -78,7 +78,10 @@ def filmed_scene(name: str, config: DemosConfig, seed: int) -> tuple[Environment
 
 def _with_steps(spec: EnvironmentSpec, env: gymnasium.Env) -> EnvironmentSpec:
     """The environment with the length of its episodes, if it was left open."""
-    steps = spec.control_steps or episode_limit(env)
+    try:
+        steps = spec.control_steps or episode_limit(env)
+    except Exception as error:
+        raise EnvironmentFault(fault(spec, env, "the limit of its episodes", error)) from error
     if not steps:
         raise UsageError(f"environment {spec.name}: sets no limit to its episodes: give --episode-steps")
     if steps < spec.frames - 1:
@@ -143,7 +146,7 @@ def first_frame(env: gymnasium.Env, spec: EnvironmentSpec) -> np.ndarray:
         return frame_of(rendered(env, spec), spec)
     except EnvironmentFault:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise EnvironmentFault(fault(spec, env, where, error)) from error
 
 

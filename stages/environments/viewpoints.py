@@ -9,6 +9,7 @@ import gymnasium
 import numpy as np
 
 FIXED, TRACKING = 2, 1  # MuJoCo's mjtCamera
+REFERENCE = 0  # seed of the state in which the environment's own camera is found
 
 
 class Viewpoint(NamedTuple):
@@ -63,6 +64,13 @@ class Viewed(gymnasium.Wrapper):
         """Whether the environment has a camera that can be moved."""
         return hasattr(self.env.unwrapped, "mujoco_renderer") or physics_of(self.env) is not None
 
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        if self._viewpoint is not None and self._own is None and hasattr(self.env.unwrapped, "mujoco_renderer"):
+            # Where Gymnasium's own camera looks depends on the state in which it is first used.
+            self.env.reset(seed=REFERENCE)
+            self._find_own_camera()
+        return self.env.reset(seed=seed, options=options)
+
     def look_from(self, viewpoint: Viewpoint) -> None:
         """Change the viewpoint, from the next image on."""
         self._viewpoint = viewpoint
@@ -73,17 +81,17 @@ class Viewed(gymnasium.Wrapper):
         physics = physics_of(self.env)
         if physics is not None and (self._viewpoint is not None or self._size is not None):
             return self._render_physics(physics)
-        if self._viewpoint is not None and self._own is None and self.can_move:
-            self.env.render()  # Makes the viewer, which holds the camera.
-            renderer: Any = self.env.unwrapped.mujoco_renderer  # type: ignore[attr-defined]
-            camera, index = renderer.viewer.cam, renderer.camera_id
-            if index is None or index < 0:
-                at = np.array(camera.lookat)
-                self._own = Pose(at, camera.distance, camera.azimuth, camera.elevation)
-            else:
-                self._own = _as_free_camera(renderer.model, renderer.data, index)
-            self._move_viewer(self._own.seen_from(self._viewpoint))
         return self.env.render()
+
+    def _find_own_camera(self) -> None:
+        self.env.render()  # Makes the viewer, which holds the camera.
+        renderer: Any = self.env.unwrapped.mujoco_renderer  # type: ignore[attr-defined]
+        camera, index = renderer.viewer.cam, renderer.camera_id
+        if index is None or index < 0:
+            self._own = Pose(np.array(camera.lookat), camera.distance, camera.azimuth, camera.elevation)
+        else:
+            self._own = _as_free_camera(renderer.model, renderer.data, index)
+        self._move_viewer(self._own.seen_from(self._viewpoint or Viewpoint()))
 
     def _move_viewer(self, pose: Pose) -> None:
         renderer: Any = self.env.unwrapped.mujoco_renderer  # type: ignore[attr-defined]

@@ -117,24 +117,25 @@ def simulated_episodes(
 class Foreign:
     """Judges by the success that a Gymnasium environment reports, and by its own return."""
 
-    def __init__(self, name: str, specs: Sequence[EnvironmentSpec | None], workers: int):
+    def __init__(self, specs: Sequence[EnvironmentSpec | None], processes: int):
         self._specs = [spec for spec in specs if spec is not None]
-        self._workers = workers
-        self.recipe = environment_digest(self._specs[0])
-        self.about: dict[str, Any] = {"task": None, "environment": self._specs[0].described()}
+        self._processes = processes
+        first = self._specs[0]
+        self.recipe = environment_digest(first.name, first.success) | {"processes": str(processes)}
+        self.about: dict[str, Any] = {"task": None, "environment": first.described(), "processes": processes}
 
     def episodes(self, source: Artifact, episodes: int, seed: int, index: int) -> dict[str, np.ndarray]:
         policy, noise = Policy.load(source), torch.Generator().manual_seed(integer(seed, "evaluate-noise", index))
-        processes = min(self._workers, episodes)
+        processes = self._processes
         found: dict[str, np.ndarray] = {}
         with closing(ForeignEnvironment(self._specs[index], processes, 1, OwnReward(), range(0))) as env:
             _check_fits(source, env)
             ways: dict[str, Act] = {"": policy.act, "_stochastic": lambda seen: policy.act(seen, noise)}
             for suffix, act in ways.items():
-                for _ in range(-(-episodes // processes)):
+                for _ in range(episodes // processes):
                     play(env, act, frames=False)
                 for name, values in env.pop_outcomes().items():
-                    found[f"{name}{suffix}"] = values[:episodes]
+                    found[f"{name}{suffix}"] = values
         return found
 
     def video(self, source: Artifact, index: int) -> np.ndarray:

@@ -217,3 +217,48 @@ def test_a_policy_learns_to_do_what_the_videos_show(ifo, tmp_path):
         assert done.returncode == 0, done.stderr
     success = read_artifact(tmp_path / "s.policy.h5", "policy")["curve/success"]
     assert success[0] < 0.5 and success[-1] > 0.9
+
+
+def test_policies_of_different_environments_are_not_pooled(made, ifo, tmp_path):
+    other = tmp_path / "other.translation.h5"
+    words = ("translate", "s.translator.h5", "--env", SLIDE, "--env-kwargs", "limit=12", "-n", 2, "--out", other)
+    assert ifo(made[0], *words).returncode == 0
+    policy = tmp_path / "other.policy.h5"
+    done = ifo(made[0], "learn-policy", other, *LEARN, "--workers", 1, "--out", policy)
+    assert done.returncode == 0, done.stderr
+    done = ifo(made[0], "evaluate", "s.policy.h5", policy, "--episodes", 2, "--out", tmp_path / "x.evaluation.h5")
+    assert done.returncode == 3 and "evaluate each task separately" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("changed", "expected"),
+    [
+        ({"frames": 5}, "translations of 6 frames of 16x16 pixels do not fit"),
+        ({"size": [32, 32]}, "which has 6 of 32x32: translate again"),
+        ({"name": "no.such:make"}, "environment no.such:make: cannot be made (ModuleNotFoundError"),
+    ],
+)
+def test_a_record_that_contradicts_the_target_is_refused(made, ifo, tmp_path, changed, expected, monkeypatch):
+    from artifacts import write_artifact
+
+    monkeypatch.setenv("IFO_ENVS", f"{SLIDE},no.such:make")
+    source = read_artifact(made[0] / "s.translation.h5", "translation")
+    config = dict(source.config)
+    config["environment"] = {**config["environment"], **changed}
+    path = write_artifact(
+        tmp_path / "x.translation.h5",
+        "translation",
+        {name: source[name] for name in source.names()},
+        config=config,
+        seed=0,
+        command="ifo",
+        parents=[source.parent("translator")],
+    )
+    done = ifo(tmp_path, "learn-policy", path, *LEARN, "--out", tmp_path / "x.policy.h5")
+    assert done.returncode in (2, 3) and expected in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_a_demonstrator_whose_module_does_not_exist_is_told_in_one_line(ifo, tmp_path):
+    done = ifo(tmp_path, "collect-demos", f"env:{SLIDE}", "--demonstrator", "no.such:one", *FILM)
+    assert done.returncode == 2 and "ifo: demonstrator no.such:one: cannot be loaded" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -62,6 +62,8 @@ class Slide(gymnasium.Env):
     def step(self, action):
         if self._broken == "step":
             raise RuntimeError("cannot step")
+        if self._broken == "exit":
+            raise SystemExit(0)
         self._steps += 1
         self._x += 0.05 * float(action[0])
         terminated = self._ends and abs(self._x) > 1
@@ -142,3 +144,22 @@ def is_far(observation, info):
 def unsure(observation, info):
     """A judge whose code fails."""
     raise KeyError("goal")
+
+
+def lame(observation):
+    """A demonstrator whose actions are none."""
+    return np.array([np.nan, 0.0])
+
+
+class Script:
+    """A demonstrator that plays back actions from the start of every episode."""
+
+    def __init__(self):
+        self._step = 0
+
+    def reset(self):
+        self._step = 0
+
+    def __call__(self, observation):
+        self._step += 1
+        return np.array([2.0 if self._step < 4 else -0.5, 0.0])

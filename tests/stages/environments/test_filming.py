@@ -64,15 +64,15 @@ def test_demonstrators_are_functions_or_objects_or_saved_models(tmp_path):
 
     from tests.stages.environments.slides import Slide
 
-    assert load_demonstrator(f"{HERE}:go_right")(None).tolist() == [2.0, 0.0]
-    assert load_demonstrator(f"{HERE}:Remembering")(None) == [2.0, 0.0]
+    assert load_demonstrator(f"{HERE}:go_right").act(None).tolist() == [2.0, 0.0]
+    assert load_demonstrator(f"{HERE}:Remembering").act(None) == [2.0, 0.0]
     for algorithm in (PPO, SAC):
         model = algorithm("MlpPolicy", Slide(), seed=3, device="cpu")
         path = tmp_path / "model.zip"
         model.save(path)
         observation = np.array([0.2, 1.0])
         expected = model.predict(observation, deterministic=True)[0]
-        np.testing.assert_allclose(load_demonstrator(str(path))(observation), expected, rtol=1e-5)
+        np.testing.assert_allclose(load_demonstrator(str(path)).act(observation), expected, rtol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -100,3 +100,33 @@ def test_contexts_are_drawn_around_the_middle_and_do_not_depend_on_each_other():
     assert (np.ptp(views, axis=0) > [80, 18, 0.18]).all(), "the whole range is used"
     assert len({context.seed for context in drawn}) == 200
     assert next(draw_contexts(3, middle, None)).viewpoint == middle
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_demonstrator_that_cannot_be_loaded_is_named_by_any_number_of_processes(workers):
+    with pytest.raises(EnvironmentFault, match=f"^demonstrator {HERE}:absent: the module {HERE} has no absent$"):
+        list(film_all(SPEC, f"{HERE}:absent", iter(contexts(3)), workers))
+
+
+def test_an_action_that_is_none_is_the_demonstrators_fault():
+    message = f"demonstrator {HERE}:lame failed .*its action is array"
+    with pytest.raises(EnvironmentFault, match=message):
+        list(film_all(SPEC, f"{HERE}:lame", iter(contexts(1)), 1))
+
+
+def test_a_demonstrator_is_told_that_an_episode_begins():
+    same = [Context(5, Viewpoint())] * 3
+    filmed = [one for _, one in film_all(SPEC, f"{HERE}:Script", iter(same), 1)]
+    assert len({one.env_return for one in filmed}) == 1
+
+
+@pytest.mark.gl
+def test_a_viewpoint_does_not_depend_on_what_was_filmed_before():
+    spec = EnvironmentSpec("Reacher-v5", {}, 0, 50, 3, (16, 16), None, Viewpoint())
+    wanted = Context(7, Viewpoint(20, -5, 0.6))
+    frames = []
+    for before in ([], [Context(1, Viewpoint(-40, 0, 1.0))], [Context(2, Viewpoint(0, 0, 0.5))]):
+        *_, (_, last) = film_all(spec, f"{HERE}:go_right", iter([*before, wanted]), 1)
+        frames.append(last.frames)
+    np.testing.assert_array_equal(frames[1], frames[0])
+    np.testing.assert_array_equal(frames[2], frames[0])

@@ -7,7 +7,7 @@ import pytest
 
 from artifacts import PlatformError, UsageError
 from stages.config.demonstrations import Crop
-from stages.environments.foreign import ForeignEnvironment
+from stages.environments.foreign import ForeignEnvironment, processes_for
 from stages.environments.making import EnvironmentFault, episode_limit, frame_of, make_environment
 from stages.environments.playing import play
 from stages.environments.spec import EnvironmentSpec
@@ -139,17 +139,23 @@ def test_a_crop_is_reduced_by_area_averaging():
     np.testing.assert_array_equal(frame_of(image, spec(crop=Crop(4, 6, 16, 16))), image[6:22, 4:20])
 
 
-@pytest.mark.parametrize("processes", [1, 2])
 @pytest.mark.parametrize(
-    ("broken", "where"),
-    [("reset", "reset failed"), ("step", "step failed"), ("render", "render failed"), ("observation", "not finite")],
+    ("broken", "where", "processes"),
+    [
+        ("reset", "reset failed", 1),
+        ("step", "step failed", 1),
+        ("step", "step failed", 2),
+        ("render", "render failed", 1),
+        ("observation", "not finite", 1),
+        ("exit", "step failed", 2),
+    ],
 )
 def test_a_fault_of_the_environments_code_is_its_own_with_the_place(broken, where, processes):
     with pytest.raises(EnvironmentFault) as caught, opened(spec(broken=broken), processes) as env:
         play(env, always(RIGHT))
     message = str(caught.value)
     assert message.startswith(f"environment {HERE}:Slide: ") and where in message and "\n" not in message
-    if broken != "observation":
+    if broken not in ("observation", "exit"):
         assert "slides.py:" in message and f"cannot {broken}" in message
 
 
@@ -183,14 +189,27 @@ def test_a_render_that_returns_no_image_is_told():
         pass
 
 
-def test_a_process_that_ends_is_told():
+@pytest.mark.parametrize("killed", [[0, 1], [1]])
+def test_a_process_that_ends_is_told_and_the_others_end(killed):
     with opened(spec(), 2) as env:
         env.reset()
-        for process in env._venv.processes:
-            process.kill()
-            process.join()
+        for index in killed:
+            env._venv.processes[index].kill()
+            env._venv.processes[index].join()
         with pytest.raises(PlatformError, match="--workers 1"):
             env.step(np.zeros((2, 2)))
+    assert not any(process.is_alive() for process in env._venv.processes)
+
+
+def test_an_interrupt_in_the_middle_of_a_step_ends_the_processes():
+    with opened(spec(), 2) as env:
+        env.reset()
+        env._venv.step_async(np.zeros((2, 2), np.float32))
+    assert not any(process.is_alive() for process in env._venv.processes)
+
+
+def test_episodes_are_divided_evenly_among_processes():
+    assert [processes_for(*given) for given in ((10, 2), (3, 2), (7, 4), (8, 16), (12, 5))] == [2, 1, 1, 8, 4]
 
 
 def test_the_limit_is_that_of_the_environment():
