@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from artifacts import read_artifact, verify_artifact
+from stages.rewards import negatives
 from stages.translation.networks import RealTranslator, load_translator, to_images
 
 pytestmark = pytest.mark.gl
@@ -40,7 +41,8 @@ def test_is_read_back_as_what_it_was(translator, translation):
 
 
 @pytest.mark.parametrize("words", [("--negatives", 1, "--iterations", 2), ("--learner", "gps")])
-def test_its_translations_reward(toy, ifo, translation, tmp_path, words):
+def test_its_translations_reward(toy, ifo, translation, tmp_path, words, monkeypatch):
+    monkeypatch.setattr(negatives, "STEPS", 2)
     done = ifo(toy.folder, "learn-policy", translation, *words, "--out", tmp_path / "x.policy.h5")
     assert done.returncode == 0, done.stderr
     assert np.isfinite(read_artifact(tmp_path / "x.policy.h5")["curve/return"]).all()
