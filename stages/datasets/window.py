@@ -107,6 +107,8 @@ def nearest(video: VideoFile, time: float) -> int:
         return -1
     period, time = period_of(video) or 1.0, time - video.begins  # The first timestamp is now 0.
     last = float(video.times[-1])
+    if not math.isfinite((abs(time) + last) / period):  # No number of frames is as large.
+        return -1
     if time < -period / 2:
         return min(round(time / period), -1)
     if time > last + period / 2:

@@ -13,7 +13,7 @@ from artifacts import ArtifactError, UsageError, image_size
 from stages.datasets.episode import Episode, brief, check_is_there, choose_camera, episodes_in, listing
 from stages.datasets.feature_statistics import levels_in, of_numbers, of_pictures
 from stages.datasets.frames import StoredFrames, as_picture, from_bytes, times_of
-from stages.datasets.window import between, slack
+from stages.datasets.window import between, nearest, slack
 
 CAMERAS = ["observation.images.front", "observation.images.side", "wrist_image"]
 
@@ -339,3 +339,12 @@ def test_statistics_of_pictures_are_numpys():
     flat = of_pictures(levels_in(np.full((2, 4, 4, 3), 255, np.uint8)), 2)
     assert np.ravel(flat["std"]).tolist() == [0, 0, 0] and np.ravel(flat["max"]).tolist() == [1, 1, 1]
     assert np.ravel(flat["min"]).tolist() == [1, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("time", "expected"),
+    [(0.1, 2), (0.46, 9), (-0.2, -4), (float("nan"), -1), (float("inf"), -1), (1e308, -1), (-1e308, -1), (1.7e308, -1)],
+)
+def test_a_time_that_no_number_of_frames_reaches_is_none(time, expected):
+    video = SimpleNamespace(times=0.05 * np.arange(5), begins=0.0)
+    assert nearest(video, time) == expected
