@@ -26,7 +26,7 @@ PATIENCE = 2.0  # seconds that a process gets to end
 
 @dataclass(frozen=True)
 class ForeignMoment:
-    """What n environments show after a control step.
+    """What n environments show after the same control step.
 
     Attributes:
         step: Control steps since the start of the episode.

@@ -40,7 +40,9 @@ class Camera:
 
 @dataclass(frozen=True)
 class SimulatedMoment:
-    """The state of n simulations after a control step. Only rewards that are defined by the simulator's state use it.
+    """The state of n simulations after the same control step.
+
+    Only rewards that are defined by the simulator's state use the state.
 
     Attributes:
         step: Control steps since the start of the episode.

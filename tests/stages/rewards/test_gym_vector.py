@@ -44,7 +44,7 @@ def vector(path, *kinds, mode=AutoresetMode.NEXT_STEP, **options):
     return TranslationRewardVector(env, path, 2, **options)
 
 
-def alone(path, kind, actions):
+def plain_form(path, kind, actions):
     """Rewards and infos of one environment in the plain form, which starts again after an end as Gymnasium does."""
     env = TranslationReward(Ending(**kind), path, 2)
     env.reset()
@@ -72,7 +72,7 @@ def test_every_environment_is_paid_as_if_it_were_alone(path, kinds):
         env.reset(seed=0)
         got = [env.step(action) for action in actions]
         env.close()
-        expected = [alone(path, kind, actions[:, k]) for k, kind in enumerate(kinds)]
+        expected = [plain_form(path, kind, actions[:, k]) for k, kind in enumerate(kinds)]
     for k, (rewards, infos) in enumerate(expected):
         np.testing.assert_allclose([step[1][k] for step in got], rewards, rtol=1e-5, atol=1e-6)
         for term in ("reward_feat", "reward_img"):
@@ -91,7 +91,7 @@ def test_a_mask_restarts_only_its_environments(path):
     assert env._steps.tolist() == [0, 4]
     assert env.step(still)[1].tolist() == [0.0, 0.0]
     paid = env.step(still)[1]
-    assert paid[0] == pytest.approx(alone(path, {}, still[:, 0].repeat(2)[:, None])[0][1], rel=1e-5)
+    assert paid[0] == pytest.approx(plain_form(path, {}, still[:, 0].repeat(2)[:, None])[0][1], rel=1e-5)
     env.close()
 
 
