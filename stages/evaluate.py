@@ -109,7 +109,7 @@ def _place_of(source: Artifact, spec: EnvironmentSpec | None) -> str:
     if spec is not None:
         return " ".join([spec.name, *(f"{key}={value}" for key, value in spec.kwargs.items()), str(spec.control_steps)])
     if not source.config.get("task"):
-        raise ArtifactError(f"{source.path}: names neither a task nor an environment: learn it again")
+        raise ArtifactError(f"{source.path}: its configuration lacks a task and an environment: learn it again")
     return str(source.config["task"])
 
 

@@ -31,10 +31,11 @@ def translation(tmp_path):
 
 
 def test_a_translation_has_the_frames_of_the_task(translation):
-    _check_frames(translation(), Reach())
+    wanted = (Reach().frames, *Reach().frame_size)
+    _check_frames(translation(), "task reach", wanted)
     for size in ({"frames": 24}, {"side": 16}):
         with pytest.raises(ArtifactError, match=r"x\.translation\.h5: .* do not fit task reach, which has 25 of 48x48"):
-            _check_frames(translation(**size), Reach())
+            _check_frames(translation(**size), "task reach", wanted)
 
 
 @pytest.mark.parametrize("scale", ["feature_scale", "image_scale"])
