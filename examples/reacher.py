@@ -3,28 +3,27 @@
 import numpy as np
 
 LENGTHS = 0.1, 0.11  # of the two links, meters
-STIFFNESS, DAMPING = 0.7, 0.12  # torque per radian, and per radian per second
-SINGULAR = 1e-3  # added to the squared Jacobian: bounds the step of a stretched arm, square meters
+STIFFNESS, DAMPING = 0.3, 0.07  # torque per radian, and per radian per second
 
 
 def reach(observation: np.ndarray) -> np.ndarray:
-    """Torques (2,) of a damped spring from the joint angles to those that bring the fingertip nearer to the target.
+    """Torques (2,) of a damped spring from the joint angles to those that bring the fingertip to the target.
+
+    Two poses reach each target. The demonstrator always takes the one whose elbow turns left: a translator cannot know
+    which of two ways a video would have taken in another context, and shows a mean of both.
 
     Args:
         observation: Observation (10,) of Reacher-v5: cosines and sines of both angles, the target's position, the
             angular velocities, and the vector from the target to the fingertip.
     """
-    cosines, sines, velocity, offset = observation[:2], observation[2:4], observation[6:8], observation[8:10]
-    first, second = np.arctan2(sines, cosines)
-    total = first + second
+    angles = np.arctan2(observation[2:4], observation[:2])
+    target, velocity = observation[4:6], observation[6:8]
     upper, lower = LENGTHS
-    jacobian = np.array(
-        [
-            [-upper * np.sin(first) - lower * np.sin(total), -lower * np.sin(total)],
-            [upper * np.cos(first) + lower * np.cos(total), lower * np.cos(total)],
-        ]
-    )
-    turn = -jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + SINGULAR * np.eye(2), offset)
+    cosine = (target @ target - upper**2 - lower**2) / (2 * upper * lower)
+    elbow = np.arccos(np.clip(cosine, -1, 1))
+    inner = np.arctan2(lower * np.sin(elbow), upper + lower * np.cos(elbow))
+    shoulder = np.arctan2(target[1], target[0]) - inner
+    turn = np.array([(shoulder - angles[0] + np.pi) % (2 * np.pi) - np.pi, elbow - angles[1]])
     return np.clip(STIFFNESS * turn - DAMPING * velocity, -1, 1)
 
 

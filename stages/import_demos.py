@@ -34,7 +34,7 @@ from stages.footage.preview import preview_cell, preview_sheet
 from stages.footage.sources import Source, find_videos
 from stages.runtime.outputs import Output
 from stages.runtime.run import RunOptions, StageResult, check, environment, full_config
-from stages.translation.training import FEWEST
+from stages.translation.loop import FEWEST
 
 PREVIEWED = 200  # maximum number of videos in a preview
 NAMED = 3  # videos that a note lists by name

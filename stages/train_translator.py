@@ -56,7 +56,8 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path, bas
     from stages.translation.alignment import require_tslearn, video_index
     from stages.translation.bases import architecture, base_weights, described_base
     from stages.translation.evaluation import evaluate_translator
-    from stages.translation.training import FEWEST, TranslatorTraining, held_out_count, train
+    from stages.translation.loop import FEWEST, held_out_count, train
+    from stages.translation.training import TranslatorTraining, parallel_groups
 
     check("train-translator", config, run)
     if config.align == "dtw":
@@ -68,7 +69,9 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path, bas
         raise UsageError(f"--arch {config.arch}: {base} has architecture {architecture(started)}")
     device = run.processes.device or pick_device(run.device)
     workers = pick_workers(run.workers)
-    use_threads(workers if run.workers else max(workers // run.processes.here, 1))
+    workers = workers if run.workers else max(workers // run.processes.here, 1)
+    threads = min(workers, parallel_groups(config, device, len(run.processes.share(config.groups))))
+    use_threads(max(workers // threads, 1))
     task = str(source.config.get("task") or "")
     usual = defaults(run.preset, "train-translator", task, own=known_defaults(task))
     tags = name_tags(config, usual, run, source.manifest.seed, source.config.get("preset", run.preset))
@@ -84,7 +87,7 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path, bas
         more = "import more videos" if source.config.get("stage") == "import-demos" else "collect more with -n"
         raise ArtifactError(f"{demos} contains {len(frames)} demonstrations, expected at least {FEWEST}: {more}")
     weights = None if started is None else base_weights(started, (frames.shape[2], frames.shape[3]))
-    training = TranslatorTraining(config, frames[:-held_out], run.seed, device, run.processes, weights)
+    training = TranslatorTraining(config, frames[:-held_out], run.seed, device, run.processes, weights, threads)
     described = full_config("train-translator", config, run, task=source.config.get("task"))
     described |= {"demonstrations": len(frames), "held_out_demonstrations": held_out, "size": list(frames.shape[2:4])}
     if started is not None:

@@ -42,7 +42,7 @@ PRESETS: dict[str, dict[str, Config]] = {
     "quick": {
         "train-expert": ExpertConfig(**EXPERT_LEARNING),
         "collect-demos": DemosConfig(n=16384),
-        "train-translator": TranslatorConfig(),
+        "train-translator": TranslatorConfig(videos=8, groups=2),
         "translate": TranslateConfig(),
         "learn-policy": PolicyConfig(iterations=60, episodes=100),
         "evaluate": EvaluateConfig(),
@@ -75,15 +75,16 @@ PRESETS: dict[str, dict[str, Config]] = {
 # Defaults of a learner or a network that differ from the presets: preset -> stage -> learner or network -> fields.
 _GPS: dict[str, Any] = {"kl": 1.0, "log_std": 0.0}
 _GPS_FULL: dict[str, Any] = {**_GPS, "iterations": 20, "episodes": 10, "checkpoint_every": 1}
+_REAL: dict[str, Any] = {"lambda_align": 0.2}
 VARIANTS: TaskDefaults = {
     "toy": {
         "learn-policy": {"gps": {**_GPS, "iterations": 3, "episodes": 5}},
-        "train-translator": {"real": {"lambda_align": 0.2}},
+        "train-translator": {"real": _REAL},
     },
-    "quick": {"learn-policy": {"gps": _GPS_FULL}, "train-translator": {"real": {"lambda_align": 0.2}}},
+    "quick": {"learn-policy": {"gps": _GPS_FULL}, "train-translator": {"real": _REAL | {"videos": 16, "groups": 1}}},
     "paper": {
         "learn-policy": {"gps": _GPS_FULL},
-        "train-translator": {"real": {"lambda_align": 0.2, "steps": 63_000}},
+        "train-translator": {"real": _REAL | {"steps": 63_000}},
     },
 }
 

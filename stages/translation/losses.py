@@ -50,8 +50,8 @@ def translation_losses(
         Scalars `trans`, `rec` and `align`.
     """
     count = len(videos)
-    features = model.encode(videos.flatten(0, 1)).unflatten(0, (count, -1))
-    context = model.encode_context(contexts)
+    encoded, context = model.encode_all(videos.flatten(0, 1), contexts)
+    features = encoded.unflatten(0, (count, -1))
     translated = [
         model.translate(features[source].flatten(0, 1), context).unflatten(0, (count, -1)) for source in sources
     ]

@@ -18,7 +18,15 @@ from torch.nn import functional as F
 from artifacts import Artifact, ArtifactError
 from stages.config.stages import ARCHITECTURES
 from stages.runtime.trees import from_tree
-from stages.translation.layers import LEAK, ConvEncoder, DropoutLinear, SkipConvTranspose2d, he_initialise, strided
+from stages.translation.layers import (
+    LEAK,
+    ConvEncoder,
+    DropoutLinear,
+    SkipConvTranspose2d,
+    conv_transpose,
+    he_initialise,
+    strided,
+)
 
 HEAD = "weights/dec_head.weight"  # dataset of a translator
 
@@ -61,6 +69,10 @@ class Translator(nn.Module, ABC):
     @abstractmethod
     def encode_context(self, images: Tensor) -> EncodedContext:
         """Output of Enc2(o_0) for P context frames (P, 3, H, W)."""
+
+    def encode_all(self, images: Tensor, contexts: Tensor) -> tuple[Tensor, EncodedContext]:
+        """Features z_1 (B, D) of images and the output of Enc2 for context frames: `encode` and `encode_context`."""
+        return self.encode(images), self.encode_context(contexts)
 
     @abstractmethod
     def translate(self, z1: Tensor, context: EncodedContext) -> Tensor:
@@ -238,11 +250,20 @@ class CompactTranslator(Translator):
         skips = self._activations(images)
         return EncodedContext(self.head(skips[-1].flatten(1)), skips, images, self._palette(images, skips))
 
+    def encode_all(self, images: Tensor, contexts: Tensor) -> tuple[Tensor, EncodedContext]:
+        """See `Translator.encode_all`; Enc1 = Enc2 encodes all images at once, with one gradient."""
+        activations = self._activations(torch.cat([contexts, images]))
+        z2, z1 = self.head(activations[-1].flatten(1)).split([len(contexts), len(images)])
+        skips = [layer[: len(contexts)] for layer in activations]
+        return z1, EncodedContext(z2, skips, contexts, self._palette(contexts, skips))
+
     def _palette(self, images: Tensor, skips: list[Tensor]) -> Tensor:
         """Colors (P, C, 3) of context frames (P, 3, H, W): attention-weighted means over pixels."""
         height, width = self.fine_size
         coarse = self.palette_coarse(skips[1])[..., :height, :width]
-        scores = self.palette_pixels(images) + self.palette_fine(F.leaky_relu(coarse + skips[0], LEAK))
+        layer = self.palette_fine
+        fine = conv_transpose(F.leaky_relu(coarse + skips[0], LEAK), layer.weight, layer.bias, 4, self.size)
+        scores = self.palette_pixels(images) + fine
         attention = torch.softmax(2.0 * scores.flatten(2), dim=-1)
         return torch.einsum("pkx,pcx->pkc", attention, images.flatten(2))
 
@@ -256,10 +277,12 @@ class CompactTranslator(Translator):
         x = F.leaky_relu(self.dec_head(torch.cat([features - z2, z2], dim=1)), LEAK).unflatten(1, self.coarse_shape)
         x = F.leaky_relu(self._upsample(self.dec_coarse, x, context.skips[1], self.fine_size), LEAK)
         x = self._upsample(self.dec_fine, x, context.skips[0], self.size).unflatten(0, (pairs, frames))
-        shares = torch.softmax(x[:, :, : self.colours + 1], dim=2)
-        painted = torch.einsum("pfkhw,pkc->pfchw", shares[:, :, 1:], context.palette)
-        kept = shares[:, :, :1] * context.image[:, None]
-        return (kept + painted + x[:, :, self.colours + 1 :]).flatten(0, 1)
+        # Slices would cost the backward pass an image of zeros each, and einsum copies of the shares.
+        scores, correction = x.split([self.colours + 1, 3], dim=2)
+        kept, shares = torch.softmax(scores, dim=2).split([1, self.colours], dim=2)
+        palette = cast(Tensor, context.palette).transpose(1, 2)[:, None]  # (P, 1, 3, C)
+        painted = (palette @ shares.flatten(3)).unflatten(3, self.size)
+        return torch.addcmul(painted + correction, kept, context.image[:, None]).flatten(0, 1)
 
 
 NETWORKS: dict[str, type[PaperTranslator] | type[CompactTranslator]] = {

@@ -4,38 +4,30 @@ from __future__ import annotations
 
 import copy
 import math
-import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
-from pathlib import Path
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from artifacts import UsageError, sibling
 from stages.config.stages import LOSSES, TranslatorConfig
-from stages.runtime.checkpoints import Checkpoints, curve_of
-from stages.runtime.interrupts import undisguised_interrupts
 from stages.runtime.processes import Processes
-from stages.runtime.run import RunOptions
 from stages.runtime.seeding import generator, integer
-from stages.runtime.tensorboard import TensorBoard
 from stages.runtime.trees import check_optimiser, from_tree, to_tree
 from stages.translation.alignment import video_index
 from stages.translation.augmentation import augmented
 from stages.translation.best import BestWeights
 from stages.translation.layers import DropoutLinear
 from stages.translation.losses import LossWeights, translation_losses
-from stages.translation.networks import Translator, make_translator, to_images
+from stages.translation.networks import NETWORKS, Translator, make_translator, to_images
 
 WARM_UP = 200  # steps until the learning rate reaches its peak
 FINAL_RATE = 0.02  # final learning rate of the cosine schedule, relative to the peak
 GRADIENT_NORM = 50.0
 ALIGN_AT = (0.2, 0.5)  # shares of the steps after which videos are aligned, and aligned again
-SHOW_EVERY = 0.2  # minimum seconds between updates of the progress bar; each update waits for the GPU to read losses
-FEWEST = 4  # minimum number of demonstrations: two for training, two held out
 GPU_SHARE = 0.5  # maximum share of the free GPU memory for training videos
 
 
@@ -50,6 +42,7 @@ class TranslatorTraining:
         device: str,
         processes: Processes | None = None,
         weights: dict[str, Tensor] | None = None,
+        threads: int = 1,
     ):
         """Start from newly initialized weights, or from those of another translator.
 
@@ -60,12 +53,15 @@ class TranslatorTraining:
             device: Torch device.
             processes: Processes that share the groups of each step (None: only this process).
             weights: Weights to start from, for `config.arch` and this frame size (None: newly initialized).
+            threads: Number of groups to compute in parallel, at most `parallel_groups`. It does not change the result
+                if torch uses equally many threads within each of them.
 
         Raises:
             UsageError: The number of groups is not a multiple of the number of processes.
         """
         self._processes = processes or Processes()
         self._groups = self._processes.share(config.groups)
+        self._pool = ThreadPoolExecutor(threads, "group") if threads > 1 else None
         self.config, self.seed, self.device = config, seed, device
         self._frames = on_gpu(frames, device)
         self._red_blue_green = torch.tensor([0, 2, 1], device=device)  # A list would wait for the GPU at each step.
@@ -111,7 +107,7 @@ class TranslatorTraining:
         for group in self.optimiser.param_groups:
             group["lr"] = self._rate()
         self.optimiser.zero_grad(set_to_none=True)
-        first, *others = [self._backward(group) for group in self._groups]
+        first, *others = self._in_threads() if self._pool else [self._backward(group) for group in self._groups]
         losses = sum(others, first) / len(self._groups)
         if self._processes.count > 1:
             losses = self._share(losses)
@@ -127,18 +123,47 @@ class TranslatorTraining:
 
     def _backward(self, group: int) -> Tensor:
         """Accumulate the gradients of one group of this process, for the mean over groups; returns its losses (3,)."""
+        with self._dropout(group):
+            total, losses = self._forward(group)
+        total.backward()
+        return losses
+
+    def _in_threads(self) -> list[Tensor]:
+        """Compute all groups of this process in parallel, and add up their gradients in the order of the groups.
+
+        Torch computes a backward pass on the CPU in the thread that asks for it, and releases Python's lock in each of
+        its functions, so that threads use the cores nearly as well as processes would, without copies of the weights.
+
+        Returns:
+            The losses (3,) of each group.
+        """
+        parameters = [parameter for parameter in self.model.parameters() if parameter.requires_grad]
+
+        def differentiated(group: int) -> tuple[tuple[Tensor | None, ...], Tensor]:
+            total, losses = self._forward(group)
+            return torch.autograd.grad(total, parameters, allow_unused=True), losses
+
+        assert self._pool is not None
+        parts = list(self._pool.map(differentiated, self._groups))
+        for gradients, _ in parts:
+            for parameter, gradient in zip(parameters, gradients, strict=True):
+                if gradient is not None:
+                    parameter.grad = gradient if parameter.grad is None else parameter.grad.add_(gradient)
+        return [losses for _, losses in parts]
+
+    def _forward(self, group: int) -> tuple[Tensor, Tensor]:
+        """The weighted loss of one group as its share of the mean over groups, and its three losses (3,), detached."""
         config = self.config
         videos, contexts, sources, reconstructed = self._batch(group)
         use_amp = config.amp and self.device.startswith("cuda")
-        with self._dropout(group), torch.autocast("cuda", torch.bfloat16, enabled=use_amp):
+        with torch.autocast("cuda", torch.bfloat16, enabled=use_amp):
             losses = self._losses(self.model, videos, contexts, sources, config.motion_weight, reconstructed)
             total = (
                 self._weights.trans * losses["trans"]
                 + self._weights.rec * losses["rec"]
                 + self._weights.align * losses["align"]
             )
-        (total / len(self._groups)).backward()
-        return torch.stack([losses[name].detach() for name in LOSSES]).double()
+        return total / len(self._groups), torch.stack([losses[name].detach() for name in LOSSES]).double()
 
     @contextmanager
     def _dropout(self, group: int) -> Iterator[None]:
@@ -242,6 +267,16 @@ class TranslatorTraining:
         return index
 
 
+def parallel_groups(config: TranslatorConfig, device: str, groups: int) -> int:
+    """Number of groups, out of `groups` per step, that threads can compute in parallel; 1: one after another.
+
+    Groups are not parallel on a GPU, which one group keeps busy, nor if they are compiled, nor with dropout, because
+    its random numbers come from the generator that all threads share.
+    """
+    drops = getattr(NETWORKS[config.arch], "DROPOUT", 0.0) > 0
+    return groups if device == "cpu" and not config.compile and not drops else 1
+
+
 def on_gpu(frames: Tensor, device: str) -> Tensor:
     """Move the training videos to GPU memory if `device` is a GPU and they need at most GPU_SHARE of its free memory.
 
@@ -250,99 +285,3 @@ def on_gpu(frames: Tensor, device: str) -> Tensor:
     if device.startswith("cuda") and frames.nbytes <= GPU_SHARE * torch.cuda.mem_get_info(device)[0]:
         return frames.to(device)
     return frames
-
-
-def train(
-    training: TranslatorTraining,
-    evaluate: Callable[[Translator], dict[str, float]],
-    run: RunOptions,
-    out: Path,
-    checkpoints: Checkpoints,
-) -> dict[str, list[float]]:
-    """Train up to the last step, starting from the checkpoint if the run resumes one.
-
-    If there are several processes, only the main one evaluates and keeps the checkpoints and the curve.
-
-    Args:
-        training: State of the training run.
-        evaluate: Function from the averaged network to held-out metrics.
-        run: Options of the run.
-        out: Path of the output artifact.
-        checkpoints: Checkpoints of the run.
-
-    Afterwards, `training.average` has the weights that `config.keep` asks for.
-
-    Returns:
-        The curve, with one value per evaluation: `step`, `seconds` since the previous evaluation (including this
-        evaluation), the training losses and each held-out metric.
-
-    Raises:
-        Interrupted: The user interrupted the run; the checkpoint is kept.
-        UsageError: Training diverged: a loss is NaN or infinite at an evaluation.
-    """
-    config = training.config
-    curve: dict[str, list[float]] = {}
-    before, since = 0.0, time.monotonic()
-    if (state := checkpoints.start()) is not None:
-        with checkpoints.restoring():
-            training.restore(state["training"])
-            curve, before = curve_of(state["curve"]), float(state["seconds"])
-    main = run.processes.main
-    run.processes.ready(training.step)
-    held = {name: values[-1] for name, values in curve.items() if name.startswith("held_out/")}
-
-    def spent() -> float:
-        """Seconds since the last evaluation, including the time before the checkpoint of a resumed run."""
-        return before + time.monotonic() - since
-
-    def measure(losses: dict[str, Tensor]) -> None:
-        nonlocal before, since
-        if not all(math.isfinite(value) for value in losses.values()):
-            raise UsageError(
-                f"--learning-rate {config.learning_rate:g}: after {training.step} steps, a loss is NaN or infinite; "
-                "use a lower learning rate"
-            )
-        held.update({f"held_out/{name}": value for name, value in evaluate(training.average).items()})
-        if config.keep == "best" and "trans" not in config.without:  # Otherwise images are not learned.
-            training.best.see(training.step, held["held_out/trans"], training.average)
-        times = {"step": float(training.step), "seconds": spent()}
-        before, since = 0.0, time.monotonic()
-        row = {**times, **{f"train/{name}": float(value) for name, value in losses.items()}, **held}
-        for name, value in row.items():
-            curve.setdefault(name, []).append(value)
-        if board is not None:
-            board.write(training.step, row)
-
-    since = start = shown_at = time.monotonic()
-    first = training.step
-    try:
-        with (
-            undisguised_interrupts(),
-            TensorBoard(sibling(out, ".tensorboard"), training.step) if main else nullcontext() as board,
-            run.progress.bar(f"train-translator ({config.arch})", config.steps, "steps", training.step) as bar,
-        ):
-            if config.steps == 0 and main:
-                measure({})
-            while training.step < config.steps:
-                training.align()
-                losses = training.train_step()
-                if main and (training.step % config.evaluate_every == 0 or training.step == config.steps):
-                    measure(losses)
-                if time.monotonic() - shown_at >= SHOW_EVERY or training.step == config.steps:
-                    shown = {k: held[f"held_out/{k}"] for k in ("psnr", "copy_psnr", "ssim", "feature_ratio") if held}
-                    bar.update(training.step, trans=float(losses["trans"]), rec=float(losses["rec"]), **shown)
-                    shown_at = time.monotonic()
-                if main and training.step % config.checkpoint_every == 0 and training.step < config.steps:
-                    checkpoints.save({"training": training.state(), "curve": curve, "seconds": spent()})
-    except KeyboardInterrupt as error:
-        raise checkpoints.interrupted(f"{training.step} of {config.steps} steps") from error
-    run.progress.say(f"translator: {training.step - first} steps in {time.monotonic() - start:.0f} s")
-    if 0 < training.best.step < training.step:
-        run.progress.say(f"kept the weights of step {training.best.step}: held-out errors rose after it")
-    training.best.load(training.average)
-    return curve
-
-
-def held_out_count(demonstrations: int, wanted: int) -> int:
-    """Number of held-out demonstrations, the last ones of the file: `wanted`, but at most a fifth and at least two."""
-    return max(min(wanted, demonstrations // 5), 2)

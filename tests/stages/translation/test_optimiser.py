@@ -9,8 +9,9 @@ import torch
 
 from stages.config.stages import TranslatorConfig
 from stages.translation import training as module
+from stages.translation.loop import held_out_count
 from stages.translation.losses import translation_losses
-from stages.translation.training import TranslatorTraining, held_out_count, on_gpu
+from stages.translation.training import TranslatorTraining, on_gpu
 
 CONFIG = TranslatorConfig(steps=1000, videos=4, frames=2, swap_colours=False)
 

@@ -2,15 +2,18 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 import torch
 
-from artifacts import Interrupted, UsageError
+from artifacts import Interrupted, UsageError, read_artifact, write_artifact
 from stages.config.stages import TranslatorConfig
 from stages.runtime.checkpoints import Checkpoints
 from stages.runtime.progress import Progress
 from stages.runtime.run import RunOptions
-from stages.translation.training import TranslatorTraining, train
+from stages.train_translator import train_translator
+from stages.translation.loop import train
+from stages.translation.training import TranslatorTraining
 
 CONFIG = TranslatorConfig(steps=10, videos=3, frames=2, evaluate_every=4, checkpoint_every=3)
 FRAMES = torch.randint(0, 256, (5, 4, 16, 16, 3), dtype=torch.uint8, generator=torch.Generator().manual_seed(0))
@@ -116,7 +119,7 @@ def test_an_interrupted_training_resumes_with_the_same_weights_and_curve(loop):
 def test_seconds_are_those_since_the_last_evaluation_whatever_happened_in_between(loop, monkeypatch):
     """Of a clock by which a step takes one second, an evaluation ten and everything else nothing."""
     now = [100.0]
-    monkeypatch.setattr("stages.translation.training.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("stages.translation.loop.time.monotonic", lambda: now[0])
 
     def slow(training):
         step = training.train_step
@@ -194,3 +197,23 @@ def test_best_weights_that_do_not_fit_are_refused(loop, wrong):
         other.best.restore({**state, **wrong}, other.average)
     other.best.restore(state, other.average)
     assert other.best.error == 1.0
+
+
+def test_the_number_of_workers_changes_no_bit_of_a_translator(tmp_path, monkeypatch):
+    frames = torch.randint(0, 256, (12, 4, 16, 16, 3), dtype=torch.uint8).numpy()
+    demos = write_artifact(tmp_path / "x.demos.h5", "demos", {"frames": frames}, config={}, seed=0, command="ifo test")
+    config = TranslatorConfig(steps=6, videos=3, frames=2, groups=2)
+    pools = []
+    step = TranslatorTraining._in_threads
+    monkeypatch.setattr(
+        TranslatorTraining, "_in_threads", lambda self: pools.append(self._pool._max_workers) or step(self)
+    )
+    found = []
+    for workers in (1, 2, 3):
+        run = RunOptions(seed=3, device="cpu", workers=workers, out=tmp_path / f"{workers}.translator.h5")
+        train_translator(config, run, demos)
+        found.append(read_artifact(run.out, "translator").group("weights"))
+    assert pools == [2] * 12, "one worker needs no threads, and two groups no third"
+    assert torch.get_num_threads() == 1
+    for other in found[1:]:
+        assert all(np.array_equal(value, other[name]) for name, value in found[0].items())

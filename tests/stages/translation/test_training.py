@@ -10,7 +10,7 @@ from artifacts import pack, unpack
 from stages.config.presets import defaults
 from stages.config.stages import LOSSES, TranslatorConfig
 from stages.translation.evaluation import evaluate_translator
-from stages.translation.training import GRADIENT_NORM, TranslatorTraining
+from stages.translation.training import GRADIENT_NORM, TranslatorTraining, parallel_groups
 
 CONFIG = TranslatorConfig(steps=40, videos=4, frames=2)
 
@@ -162,6 +162,35 @@ def test_a_step_of_two_groups_has_the_mean_of_their_losses_and_gradients(arch):
     norm = torch.cat([g.flatten() for g in mean]).norm()
     for a, b in zip(whole, mean, strict=True):
         torch.testing.assert_close(a, b * min(1.0, GRADIENT_NORM / float(norm)), rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"without": ("rec", "align")}, {"augment": True, "pairings": 2}, {"arch": "paper"}]
+)
+def test_threads_that_share_the_groups_change_no_bit(options):
+    config = dataclasses.replace(CONFIG, groups=3, **options)
+    alone, together = (TranslatorTraining(config, moving_squares(32), 3, "cpu", threads=threads) for threads in (1, 2))
+    for _ in range(3):
+        losses = [training.train_step() for training in (alone, together)]
+        assert losses[0] == losses[1]
+    assert_same(alone, together)
+
+
+def test_an_error_in_a_thread_ends_the_step(monkeypatch):
+    training = TranslatorTraining(dataclasses.replace(CONFIG, groups=2), moving_squares(32), 3, "cpu", threads=2)
+    batch = training._batch
+    monkeypatch.setattr(training, "_batch", lambda group: batch(group) if group == 0 else 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        training.train_step()
+
+
+def test_groups_are_parallel_only_where_threads_are_independent():
+    config = dataclasses.replace(CONFIG, groups=4)
+    assert parallel_groups(config, "cpu", 4) == 4
+    assert parallel_groups(config, "cpu", 2) == 2
+    assert parallel_groups(config, "cuda", 4) == 1
+    assert parallel_groups(dataclasses.replace(config, compile=True), "cpu", 4) == 1
+    assert parallel_groups(dataclasses.replace(config, arch="real"), "cpu", 4) == 1, "dropout has one generator"
 
 
 def test_reconstructs_as_many_frames_as_asked_and_the_batch_stays_the_same():
