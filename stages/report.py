@@ -12,13 +12,20 @@ from artifacts import Artifact, ArtifactError, PlatformError, UsageError, read_a
 from artifacts.atomic import write_bytes
 from artifacts.paths import files_below, real
 from stages.reporting.counting import Duplicate, count_once
+from stages.reporting.environment_runs import (
+    EnvironmentSummary,
+    environments_as_csv,
+    read_environment_runs,
+    summarise_environments,
+)
 from stages.reporting.lineage import lineage
 from stages.reporting.names import DEMONSTRATIONS, TRANSLATOR
 from stages.reporting.page import MARK, markdown, page
-from stages.reporting.plots import draw
-from stages.reporting.rows import Run, as_csv, of_environment, read_runs
+from stages.reporting.plots import draw, draw_environments
+from stages.reporting.records import of_environment
+from stages.reporting.rows import PolicyRun, as_csv, read_runs
 from stages.reporting.summary import Summary, summarise
-from stages.reporting.tables import summary_table
+from stages.reporting.tables import environment_table, summary_table
 from stages.reporting.videos import collect_videos
 from stages.runtime.progress import Progress
 from stages.runtime.run import StageResult
@@ -27,7 +34,9 @@ ENDING = ".evaluation.h5"
 
 
 def report(inputs: Sequence[Path], out: Path, title: str, command: str, progress: Progress) -> StageResult:
-    """Write the page and, next to it, the runs as CSV, the table as Markdown and the plots as PNGs, with the same stem.
+    """Write the page and, next to it, with the same stem, the runs as CSV, the tables as Markdown, the plots as PNGs.
+
+    Runs in Gymnasium environments have a table and a CSV (NAME-environments.csv) of their own.
 
     Args:
         inputs: Evaluation artifacts, and folders to search for them.
@@ -41,54 +50,53 @@ def report(inputs: Sequence[Path], out: Path, title: str, command: str, progress
         UsageError: A file that would be replaced was not written by `ifo report`. Nothing is written.
     """
     _check_replaceable(out)
-    found = [read_artifact(path, "evaluation") for path in find_evaluations(inputs)]
-    evaluations = [artifact for artifact in found if not of_environment(artifact)]
-    if not evaluations:
-        raise ArtifactError(
-            f"{found[0].path}: is of a Gymnasium environment, and reports cover simulated tasks only: see its key "
-            "figures with ifo inspect"
-        )
-    left_out = [
-        f"Of Gymnasium environments, and not shown: {artifact.path}."
-        for artifact in found
-        if artifact not in evaluations
-    ]
-    for line in left_out:
-        progress.say(line)
-    runs, duplicates = count_once([run for artifact in evaluations for run in read_runs(artifact)])
+    evaluations = [read_artifact(path, "evaluation") for path in find_evaluations(inputs)]
+    read = [run for artifact in evaluations if not of_environment(artifact) for run in read_runs(artifact)]
+    foreign = [run for artifact in evaluations if of_environment(artifact) for run in read_environment_runs(artifact)]
+    runs, duplicates = count_once(read)
+    environment_runs, more = count_once(foreign)
+    duplicates += more
     for line in _repeated(duplicates):
         progress.say(line)
-    summaries = summarise(runs)
-    runs = [run for item in summaries for run in item.runs]  # in the order of the table
-    ordered = list(dict.fromkeys(run.evaluation for run in runs))
-    videos = collect_videos(ordered, runs)
-    notes = [*left_out, *_repeated(duplicates), *_without_curves(runs), *_unknown(runs), *videos.notes]
-    plots = draw(summaries)
+    summaries, environments = summarise(runs), summarise_environments(environment_runs)
+    # In the order of the tables.
+    runs = [run for item in summaries for run in item.runs]
+    environment_runs = [run for item in environments for run in item.runs]
+    counted: list[PolicyRun] = [*runs, *environment_runs]
+    ordered = list(dict.fromkeys(run.evaluation for run in counted))
+    videos = collect_videos(ordered, counted)
+    notes = [*_repeated(duplicates), *_without_curves(counted), *_unknown(counted), *videos.notes]
+    plots = (draw(summaries) if summaries else {}) | (draw_environments(environments) if environments else {})
     files = {name: out.with_name(f"{out.stem}-{name}.png") for name in plots}
-    table = summary_table(summaries)
+    tables = {"success": summary_table(summaries)} if summaries else {}
+    if environments:
+        tables["environments"] = environment_table(environments)
     origin = (
-        f"Runs: {len(runs)}, of evaluation artifacts: {len(evaluations)}. "
+        f"Runs: {len(counted)}, of evaluation artifacts: {len(evaluations)}. "
         f"Made on {datetime.now(UTC).isoformat(timespec='seconds')} by: {command}"
     )
     lineages = [
         lineage(
             artifact,
             f"evaluation-{number}",
-            [run for run in runs if run.evaluation is artifact],
+            [run for run in counted if run.evaluation is artifact],
             [item for item in duplicates if item.run.evaluation is artifact],
         )
         for number, artifact in enumerate([*ordered, *(a for a in evaluations if a not in ordered)], 1)
     ]
-    whole = page(title, origin, table, plots, videos.shown, lineages, notes)
+    whole = page(title, origin, tables, plots, videos.shown, lineages, notes)
     # The Markdown first: its mark allows a later report to replace the files. The page last: it is the result.
-    text = markdown(title, origin, table, files, videos.shown, notes)
+    text = markdown(title, origin, tables, files, videos.shown, notes)
     write_bytes(out.with_suffix(".md"), _encoded(text))
     write_bytes(out.with_suffix(".csv"), _encoded(as_csv(runs)))
+    if environment_runs:
+        write_bytes(_environments_csv(out), _encoded(environments_as_csv(environment_runs)))
     for name, png in plots.items():
         write_bytes(files[name], png)
     write_bytes(out, _encoded(whole))
-    progress.say(f"report: runs {len(runs)}, videos {len(videos.shown)}, {out.stat().st_size / 1e6:.1f} MB")
-    return StageResult(out, _figures(summaries, evaluations, duplicates))
+    progress.say(f"report: runs {len(counted)}, videos {len(videos.shown)}, {out.stat().st_size / 1e6:.1f} MB")
+    figures = _figures(summaries, evaluations, duplicates)
+    return StageResult(out, figures | ({"environments": _environment_figures(environments)} if environments else {}))
 
 
 def find_evaluations(inputs: Sequence[Path]) -> list[Path]:
@@ -112,7 +120,7 @@ def find_evaluations(inputs: Sequence[Path]) -> list[Path]:
 
 def _check_replaceable(out: Path) -> None:
     """Refuse to replace files that are not a report's, for example README.md with --out README.html."""
-    beside = [out.with_suffix(".md"), out.with_suffix(".csv")]
+    beside = [out.with_suffix(".md"), out.with_suffix(".csv"), _environments_csv(out)]
     if os.path.isfile(beside[0]):
         try:
             with open(beside[0], "rb") as file:
@@ -123,6 +131,10 @@ def _check_replaceable(out: Path) -> None:
     for path in beside:
         if os.path.lexists(path):
             raise UsageError(f"--out {out} would replace {path}, which `ifo report` did not write: choose another name")
+
+
+def _environments_csv(out: Path) -> Path:
+    return out.with_name(f"{out.stem}-environments.csv")
 
 
 def _repeated(duplicates: Sequence[Duplicate]) -> list[str]:
@@ -137,12 +149,12 @@ def _repeated(duplicates: Sequence[Duplicate]) -> list[str]:
     ]
 
 
-def _without_curves(runs: Sequence[Run]) -> list[str]:
+def _without_curves(runs: Sequence[PolicyRun]) -> list[str]:
     paths = dict.fromkeys(str(run.evaluation.path) for run in runs if not run.samples_curve.size)
     return [f"Evaluations by an older ifo, without learning curves: {', '.join(paths)}."] if paths else []
 
 
-def _unknown(runs: Sequence[Run]) -> list[str]:
+def _unknown(runs: Sequence[PolicyRun]) -> list[str]:
     """One line per kind of input file that evaluations could not identify."""
     notes = []
     for part in (TRANSLATOR, DEMONSTRATIONS):
@@ -178,6 +190,25 @@ def _figures(
         for item in summaries
     ]
     return {"evaluations": len(evaluations), "duplicates": len(duplicates), "methods": rows}
+
+
+def _environment_figures(summaries: Sequence[EnvironmentSummary]) -> list[dict[str, Any]]:
+    return [
+        {
+            "environment": item.task,
+            "method": item.method,
+            "runs": len(item.runs),
+            "success": item.success,
+            "success_interval": item.success_interval,
+            "success_deterministic": item.deterministic,
+            "env_return": item.env_return,
+            "env_return_interval": item.return_interval,
+            "samples": item.samples,
+            "learning_minutes": item.learning_minutes,
+            "translator_minutes": item.translator_minutes,
+        }
+        for item in summaries
+    ]
 
 
 def _encoded(text: str) -> bytes:

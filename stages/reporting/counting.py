@@ -6,12 +6,13 @@ import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from artifacts import stem_of
 from stages.reporting.methods import ALWAYS, OF_REWARD, TRANSLATOR
-from stages.reporting.rows import Run
+from stages.reporting.rows import PolicyRun
 
+R = TypeVar("R", bound=PolicyRun)
 UNRECORDED = {"starts": 1}  # values of runs from before these were options
 
 
@@ -19,11 +20,11 @@ UNRECORDED = {"starts": 1}  # values of runs from before these were options
 class Duplicate:
     """A run that is left out because `kept` is the same run."""
 
-    run: Run
-    kept: Run
+    run: PolicyRun
+    kept: PolicyRun
 
 
-def count_once(runs: Sequence[Run]) -> tuple[list[Run], list[Duplicate]]:
+def count_once(runs: Sequence[R]) -> tuple[list[R], list[Duplicate]]:
     """Leave out duplicates: runs with the same policy, or with the same task, method and seeds.
 
     The newest evaluation of a run counts. Before that, runs of one method with different settings are distinguished:
@@ -34,7 +35,7 @@ def count_once(runs: Sequence[Run]) -> tuple[list[Run], list[Duplicate]]:
         The runs that count, in their order, and those that do not.
     """
     named = _told_apart_by_file(_told_apart_by_settings(runs))
-    counted: dict[Any, Run] = {}
+    counted: dict[Any, R] = {}
     kept, duplicates = set(), []
     newest_first = sorted(range(len(named)), key=lambda k: named[k].evaluation.manifest.created, reverse=True)
     for k in newest_first:
@@ -49,7 +50,7 @@ def count_once(runs: Sequence[Run]) -> tuple[list[Run], list[Duplicate]]:
     return [run for k, run in enumerate(named) if k in kept], duplicates
 
 
-def _told_apart_by_settings(runs: Sequence[Run]) -> list[Run]:
+def _told_apart_by_settings(runs: Sequence[R]) -> list[R]:
     groups: dict[tuple[str, str], list[str]] = {}
     for run in runs:
         groups.setdefault((run.task, run.method), []).append(json.dumps(_settings(run)))
@@ -57,7 +58,7 @@ def _told_apart_by_settings(runs: Sequence[Run]) -> list[Run]:
     return [_named(run, usual[run.task, run.method]) for run in runs]
 
 
-def _settings(run: Run) -> dict[str, Any]:
+def _settings(run: PolicyRun) -> dict[str, Any]:
     """Recorded options by name, those of the translator with a prefix; options that are not recorded are left out."""
     options = {name: run.recorded.get(name) for name in (*ALWAYS, *OF_REWARD.get(run.recorded["reward"], ()))}
     options |= {name: value for name, value in UNRECORDED.items() if options[name] is None}
@@ -65,7 +66,7 @@ def _settings(run: Run) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
 
 
-def _named(run: Run, usual: dict[str, Any]) -> Run:
+def _named(run: R, usual: dict[str, Any]) -> R:
     # An option that only one of the two records does not distinguish them.
     differing = {name: value for name, value in _settings(run).items() if name in usual and value != usual[name]}
     return replace(
@@ -77,8 +78,8 @@ def _text(value: Any) -> str:
     return value if isinstance(value, str) else f"{value:g}" if isinstance(value, float) else json.dumps(value)
 
 
-def _told_apart_by_file(runs: Sequence[Run]) -> list[Run]:
-    uncertain: dict[Any, list[Run]] = {}
+def _told_apart_by_file(runs: Sequence[R]) -> list[R]:
+    uncertain: dict[Any, list[R]] = {}
     for run in runs:
         if run.unknown:
             uncertain.setdefault(run.identity, []).append(run)

@@ -9,7 +9,7 @@ from typing import Any
 
 from artifacts import Ancestor, Artifact, ancestors, sha256_of
 from stages.reporting.counting import Duplicate
-from stages.reporting.rows import METRICS, Run
+from stages.reporting.rows import METRICS, PolicyRun
 
 # Shown elsewhere in a run's section.
 SAID = ("policy", "method", "translation_metrics", "samples", "learning_minutes")
@@ -60,7 +60,7 @@ class Lineage:
     notes: list[str]
 
 
-def lineage(artifact: Artifact, anchor: str, runs: Sequence[Run], duplicates: Sequence[Duplicate]) -> Lineage:
+def lineage(artifact: Artifact, anchor: str, runs: Sequence[PolicyRun], duplicates: Sequence[Duplicate]) -> Lineage:
     """What is known of an evaluation, and of each of its runs down to command and seed.
 
     Args:
@@ -75,7 +75,7 @@ def lineage(artifact: Artifact, anchor: str, runs: Sequence[Run], duplicates: Se
     return Lineage(
         anchor,
         artifact.path.name,
-        f"{artifact.config['task']}: {methods}: {len(whole)} run{'s' * (len(whole) != 1)}",
+        f"{whole[0].task}: {methods}: {len(whole)} run{'s' * (len(whole) != 1)}",
         {
             "file": str(artifact.path),
             "sha256": sha256_of(artifact.path),
@@ -87,25 +87,17 @@ def lineage(artifact: Artifact, anchor: str, runs: Sequence[Run], duplicates: Se
     )
 
 
-def _run_entry(run: Run) -> RunEntry:
-    verdict = "succeeds" if run.success else "fails"
-    heading = (
-        f"{run.name}: {run.method}, context {run.recorded['context_seed']}, seed {run.recorded['seed']}: "
-        f"{run.normalised_distance:.3f} of the initial distance, {verdict}"
-    )
+def _run_entry(run: PolicyRun) -> RunEntry:
+    heading = f"{run.name}: {run.method}, context {run.seed_of_context}, seed {run.recorded['seed']}: {run.verdict}"
     chain = [] if run.policy is None else list(ancestors(run.evaluation, [run.policy], check=True))
     return RunEntry(heading, _figures(run), [_ancestor_entry(item) for item in chain])
 
 
-def _figures(run: Run) -> dict[str, str]:
+def _figures(run: PolicyRun) -> dict[str, str]:
     """Results and settings of a run, as texts."""
     recorded = {name: value for name, value in run.recorded.items() if name not in SAID}
     return {
-        "success, paper's criterion": f"{'yes' if run.success else 'no'} (below {run.threshold:g})",
-        "normalized final distance, stochastic policy": f"{run.normalised_distance:.4f}",
-        "normalized final distance, deterministic policy": f"{run.deterministic_distance:.4f}",
-        "success rate of deterministic episodes": f"{run.deterministic_success:.3f}",
-        "initial and final distance": f"{run.initial_distance:.4f}, {run.final_distance:.4f}",
+        **run.figures(),
         "samples": f"{run.recorded['samples']:,}",
         "learning minutes": f"{run.recorded['learning_minutes']:.2f}",
         **{f"translation: {name}": f"{run.metrics[name]:.3f}" for name in METRICS if name in run.metrics},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +17,14 @@ if TYPE_CHECKING:
 
 MARK = "<!-- made by ifo report -->"  # first line of the Markdown: a file without it is not overwritten
 
-HEADINGS = {"success": "Success by task and method", "curves": "Learning curves", "ablations": "Ablations"}
+# Sections in their order; each has a table, a plot or both.
+HEADINGS = {
+    "success": "Success by task and method",
+    "curves": "Learning curves",
+    "ablations": "Ablations",
+    "environments": "Success by environment and method",
+    "environment-curves": "Learning curves in environments",
+}
 CAPTIONS = {
     "success": "Success rates by the paper's criterion. Lines: 95% Wilson intervals.",
     "curves": (
@@ -25,19 +32,31 @@ CAPTIONS = {
         "(band). A run that ended early keeps its last distance."
     ),
     "ablations": "The method and its ablations: without a term of the reward or a loss of the translator.",
+    "environments": "Success rates of episodes. Lines: 95% bootstrap intervals over runs (their number in brackets).",
+    "environment-curves": (
+        "Success rate, or return of the environment's own reward, over samples: mean over runs (their number in "
+        "brackets) and its standard error (band)."
+    ),
 }
-CRITERION = (
-    "A run succeeds by the paper's criterion if the mean normalized final distance of its stochastic policy (final "
-    "distance / initial distance) is below the task's threshold. Brackets are 95% intervals: Wilson for the success "
-    "rate, bootstrap over runs for the distance. Samples and minutes are means over runs."
-)
+CRITERIA = {  # how to read a section's table
+    "success": (
+        "A run succeeds by the paper's criterion if the mean normalized final distance of its stochastic policy (final "
+        "distance / initial distance) is below the task's threshold. Brackets are 95% intervals: Wilson for the "
+        "success rate, bootstrap over runs for the distance. Samples and minutes are means over runs."
+    ),
+    "environments": (
+        "Gymnasium environments report success themselves, or by the function that --success names. Success rates and "
+        "returns of the environment's own reward are means over the episodes of the stochastic policies, then over "
+        "runs; brackets are 95% bootstrap intervals over runs."
+    ),
+}
 
 
 def page(
     title: str,
     origin: str,
-    table: Table,
-    plots: dict[str, bytes],
+    tables: Mapping[str, Table],
+    plots: Mapping[str, bytes],
     videos: Sequence[Video],
     lineages: Sequence[Lineage],
     notes: Sequence[str],
@@ -47,7 +66,7 @@ def page(
     Args:
         title: Its heading.
         origin: What it was made from, when and by what command.
-        table: Success by task and method.
+        tables: Tables, by the names in `CRITERIA`.
         plots: PNGs, by the names in `HEADINGS`.
         videos: In the order in which they are shown.
         lineages: One section per evaluation.
@@ -56,19 +75,21 @@ def page(
     by_task: dict[str, list[Video]] = {}
     for video in videos:
         by_task.setdefault(video.task, []).append(video)
+    sections = [
+        {
+            "heading": HEADINGS[name],
+            "table": tables.get(name),
+            "criterion": CRITERIA.get(name, ""),
+            "caption": CAPTIONS[name],
+            "png": plots.get(name),
+        }
+        for name in HEADINGS
+        if name in tables or name in plots
+    ]
     return (
         _templates()
         .get_template("page.html")
-        .render(
-            title=title,
-            origin=origin,
-            criterion=CRITERION,
-            table=table,
-            plots=[{"heading": HEADINGS[name], "caption": CAPTIONS[name], "png": png} for name, png in plots.items()],
-            videos=by_task,
-            lineages=lineages,
-            notes=notes,
-        )
+        .render(title=title, origin=origin, sections=sections, videos=by_task, lineages=lineages, notes=notes)
     )
 
 
@@ -95,10 +116,17 @@ def _printable(value: Any) -> Any:
 
 
 def markdown(
-    title: str, origin: str, table: Table, plots: dict[str, Path], videos: Sequence[Video], notes: Sequence[str]
+    title: str,
+    origin: str,
+    tables: Mapping[str, Table],
+    plots: Mapping[str, Path],
+    videos: Sequence[Video],
+    notes: Sequence[str],
 ) -> str:
-    """The report as Markdown: the table, and links to the plots beside it."""
-    lines = [MARK, "", f"# {in_markdown(title)}", "", in_markdown(origin), "", table.markdown(), "", CRITERION]
+    """The report as Markdown: the tables, and links to the plots beside it."""
+    lines = [MARK, "", f"# {in_markdown(title)}", "", in_markdown(origin)]
+    for name, table in tables.items():
+        lines += ["", table.markdown(), "", CRITERIA[name]]
     for name, path in plots.items():
         # Angle brackets: the file name may contain spaces.
         lines += ["", f"## {HEADINGS[name]}", "", CAPTIONS[name], "", f"![{HEADINGS[name]}](<{path.name}>)"]

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from artifacts import Artifact, stem_of
-from stages.reporting.rows import Run
+from stages.reporting.environment_runs import EnvironmentSummary
+from stages.reporting.rows import PolicyRun
 from stages.reporting.summary import Summary
 from stages.runtime.terminal import one_line
 
@@ -35,6 +36,17 @@ def draw(summaries: Sequence[Summary]) -> dict[str, bytes]:
     return plots
 
 
+def draw_environments(summaries: Sequence[EnvironmentSummary]) -> dict[str, bytes]:
+    """The plots of runs in Gymnasium environments, by name: `environments`, `environment-curves`."""
+    colours = _colours(summaries)
+    plots = {}
+    if known := [item for item in summaries if item.success is not None]:
+        plots["environments"] = _bars(known, colours)
+    if any(run.samples_curve.size for item in summaries for run in item.runs):
+        plots["environment-curves"] = _curves(summaries, colours)
+    return plots
+
+
 def ablated(summaries: Sequence[Summary]) -> list[Summary]:
     """The method and its ablations, of tasks with more than one of them."""
     found = [item for item in summaries if item.method.startswith(ABLATED)]
@@ -42,15 +54,15 @@ def ablated(summaries: Sequence[Summary]) -> list[Summary]:
     return [item for item in found if tasks.count(item.task) > 1]
 
 
-def mean_curve(runs: Sequence[Run]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def mean_curve(runs: Sequence[PolicyRun]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean of learning curves, and its standard error.
 
-    A run that ended early keeps its last distance, so that the mean does not jump there.
+    A run that ended early keeps its last value, so that the mean does not jump there.
 
     Returns:
-        Samples (I,) at which any run was measured; mean normalized distance (I,); standard error (I,), 0 for one run.
+        Samples (I,) at which any run was measured; mean (I,); standard error (I,), 0 for one run.
     """
-    curves = [(run.samples_curve, run.distance_curve) for run in runs if run.samples_curve.size]
+    curves = [(run.samples_curve, run.curve) for run in runs if run.samples_curve.size]
     # Start where all runs have been measured.
     start = max(samples[0] for samples, _ in curves)
     grid = np.unique(np.concatenate([samples for samples, _ in curves]))
@@ -60,14 +72,14 @@ def mean_curve(runs: Sequence[Run]) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return grid, values.mean(axis=0), spread / math.sqrt(len(values))
 
 
-def _colours(summaries: Sequence[Summary]) -> dict[str, Any]:
+def _colours(summaries: Sequence[Summary | EnvironmentSummary]) -> dict[str, Any]:
     pyplot = _pyplot()
     methods = list(dict.fromkeys(item.method for item in summaries))
     palette = pyplot.get_cmap("tab10" if len(methods) <= 10 else "tab20")
     return {method: palette(index % palette.N) for index, method in enumerate(methods)}
 
 
-def _bars(summaries: Sequence[Summary], colours: dict[str, Any]) -> bytes:
+def _bars(summaries: Sequence[Summary | EnvironmentSummary], colours: dict[str, Any]) -> bytes:
     """Success rates as bars with their intervals and the paper's rates, one panel per task."""
     pyplot = _pyplot()
     tasks = list(dict.fromkeys(item.task for item in summaries))
@@ -78,12 +90,12 @@ def _bars(summaries: Sequence[Summary], colours: dict[str, Any]) -> bytes:
     )
     for panel, task, group in zip(panels[:, 0], tasks, groups, strict=True):
         for place, item in enumerate(group):
-            low, high = item.success_interval
-            error = [[max(0.0, item.success - low)], [max(0.0, high - item.success)]]
-            panel.barh(place, item.success, 0.7, xerr=error, color=colours[item.method], ecolor="0.3", capsize=3)
+            rate, (low, high) = item.success or 0.0, item.success_interval or (0.0, 0.0)
+            error = [[max(0.0, rate - low)], [max(0.0, high - rate)]]
+            panel.barh(place, rate, 0.7, xerr=error, color=colours[item.method], ecolor="0.3", capsize=3)
             if item.paper is not None:
                 panel.plot(item.paper, place, "D", color="white", markeredgecolor="black", markersize=6, zorder=5)
-        labels = [_plain(f"{item.method} ({item.succeeded} of {len(item.runs)})") for item in group]
+        labels = [_plain(item.label) for item in group]
         panel.set_yticks(range(len(group)), labels, fontsize=8)
         panel.set(xlim=(-0.02, 1.02), ylim=(len(group) - 0.4, -0.6))
         panel.set_title(_plain(task), fontsize=9, loc="left")
@@ -95,7 +107,7 @@ def _bars(summaries: Sequence[Summary], colours: dict[str, Any]) -> bytes:
     return _png(figure)
 
 
-def _curves(summaries: Sequence[Summary], colours: dict[str, Any]) -> bytes:
+def _curves(summaries: Sequence[Summary | EnvironmentSummary], colours: dict[str, Any]) -> bytes:
     """Learning curves, one panel per task: mean over runs, standard error as a band."""
     pyplot = _pyplot()
     known = [item for item in summaries if any(run.samples_curve.size for run in item.runs)]
@@ -114,12 +126,14 @@ def _curves(summaries: Sequence[Summary], colours: dict[str, Any]) -> bytes:
             count = sum(bool(run.samples_curve.size) for run in item.runs)
             panel.plot(samples, mean, color=colours[item.method], label=_plain(f"{item.method} ({count})"))
             panel.fill_between(samples, mean - error, mean + error, color=colours[item.method], alpha=0.25, linewidth=0)
-        threshold = group[0].runs[0].threshold
-        panel.axhline(threshold, color="grey", linestyle="--", linewidth=1, label=f"success below {threshold:g}")
+        threshold = group[0].threshold
+        if threshold is not None:
+            panel.axhline(threshold, color="grey", linestyle="--", linewidth=1, label=f"success below {threshold:g}")
         panel.set_title(_plain(task), fontsize=9, loc="left")
         panel.set_xlabel("samples", fontsize=8)
-        panel.set_ylabel("final distance / initial distance", fontsize=8)
-        panel.set_ylim(0, None)
+        panel.set_ylabel(group[0].curve_label, fontsize=8)
+        if "return" not in group[0].curve_label:
+            panel.set_ylim(0, None)
         panel.tick_params(labelsize=8)
         panel.legend(fontsize=7, ncols=2, loc="upper left", bbox_to_anchor=(0, -0.16), frameon=False)
         panel.spines[["top", "right"]].set_visible(False)

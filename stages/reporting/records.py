@@ -40,14 +40,36 @@ class _Evaluation(_Record):
     runs: list[_Run]
 
 
+class _Environment(_Record):
+    name: str
+    kwargs: dict[str, Any]
+    seed: int
+    control_steps: int
+
+
+class _EnvironmentRun(_Run):
+    samples: int
+    environment: _Environment
+
+
+class _EnvironmentEvaluation(_Record):
+    runs: list[_EnvironmentRun]
+
+
+def of_environment(evaluation: Artifact) -> bool:
+    """Whether an evaluation is of policies in a Gymnasium environment, which have no distance to a goal."""
+    return "env_return" in evaluation
+
+
 def checked_records(evaluation: Artifact) -> list[dict[str, Any]]:
     """The records of an evaluation's runs, whose fields have the types that tables and plots need.
 
     Raises:
         ArtifactError: A field of the evaluation or of a run is missing or of another type.
     """
+    expected: type[_Record] = _EnvironmentEvaluation if of_environment(evaluation) else _Evaluation
     try:
-        _Evaluation.model_validate(dict(evaluation.config))
+        expected.model_validate(dict(evaluation.config))
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(map(str, first["loc"]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -47,18 +48,15 @@ FORMULA = tuple("=+-@\uff1d\uff0b\uff0d\uff20")  # how a formula of a spreadshee
 
 
 @dataclass(frozen=True)
-class Run:
+class PolicyRun(ABC):
     """One policy with the results of its evaluation.
 
     Attributes:
         evaluation: The artifact that contains the run at position `index`.
         policy: The policy's file as the evaluation recorded it; None if it did not.
         recorded: The evaluation's record of the run: reward, options, seeds.
-        threshold: Normalized final distance below which a run succeeds.
-        initial_distance, final_distance, normalised_distance: Means over episodes of the stochastic policy.
-        deterministic_distance: Mean normalized final distance of the deterministic policy.
-        deterministic_success: Fraction of its episodes that end below the threshold.
-        samples_curve, distance_curve: Learning curve (I,), normalized; empty if the evaluation has none.
+        task: Name of the task or environment.
+        samples_curve: Samples (I,) at which the learning curve was measured; empty if the evaluation has none.
     """
 
     evaluation: Artifact
@@ -67,19 +65,26 @@ class Run:
     recorded: dict[str, Any]
     task: str
     method: str
-    threshold: float
-    initial_distance: float
-    final_distance: float
-    normalised_distance: float
-    deterministic_distance: float
-    deterministic_success: float
     samples_curve: np.ndarray
-    distance_curve: np.ndarray
 
     @property
-    def success(self) -> bool:
-        """By the paper's criterion, which judges the mean over the stochastic policy's episodes."""
-        return self.normalised_distance < self.threshold
+    @abstractmethod
+    def curve(self) -> np.ndarray:
+        """The learning curve (I,)."""
+
+    @property
+    @abstractmethod
+    def verdict(self) -> str:
+        """How the run ended, in a few words."""
+
+    @abstractmethod
+    def figures(self) -> dict[str, str]:
+        """Results of the evaluation, as texts."""
+
+    @property
+    def seed_of_context(self) -> int:
+        """Seed of the learner's context."""
+        return int(self.recorded["context_seed"])
 
     @property
     def name(self) -> str:
@@ -106,7 +111,7 @@ class Run:
     @property
     def identity(self) -> tuple[Any, ...]:
         """Equal for two evaluations of the same run."""
-        return self.task, self.method, self.recorded["context_seed"], self.recorded["seed"]
+        return self.task, self.method, self.seed_of_context, self.recorded["seed"]
 
     @property
     def unknown(self) -> str:
@@ -117,6 +122,49 @@ class Run:
     def tracks(self) -> bool:
         """Whether the reward is computed with the translator."""
         return self.recorded.get("reward") in TRACKED
+
+
+@dataclass(frozen=True)
+class Run(PolicyRun):
+    """A policy in a simulated task, judged by its distance to the goal.
+
+    Attributes:
+        threshold: Normalized final distance below which a run succeeds.
+        initial_distance, final_distance, normalised_distance: Means over episodes of the stochastic policy.
+        deterministic_distance: Mean normalized final distance of the deterministic policy.
+        deterministic_success: Fraction of its episodes that end below the threshold.
+        distance_curve: Learning curve (I,), normalized; empty if the evaluation has none.
+    """
+
+    threshold: float
+    initial_distance: float
+    final_distance: float
+    normalised_distance: float
+    deterministic_distance: float
+    deterministic_success: float
+    distance_curve: np.ndarray
+
+    @property
+    def curve(self) -> np.ndarray:
+        return self.distance_curve
+
+    @property
+    def success(self) -> bool:
+        """By the paper's criterion, which judges the mean over the stochastic policy's episodes."""
+        return self.normalised_distance < self.threshold
+
+    @property
+    def verdict(self) -> str:
+        return f"{self.normalised_distance:.3f} of the initial distance, {'succeeds' if self.success else 'fails'}"
+
+    def figures(self) -> dict[str, str]:
+        return {
+            "success, paper's criterion": f"{'yes' if self.success else 'no'} (below {self.threshold:g})",
+            "normalized final distance, stochastic policy": f"{self.normalised_distance:.4f}",
+            "normalized final distance, deterministic policy": f"{self.deterministic_distance:.4f}",
+            "success rate of deterministic episodes": f"{self.deterministic_success:.3f}",
+            "initial and final distance": f"{self.initial_distance:.4f}, {self.final_distance:.4f}",
+        }
 
 
 def read_runs(artifact: Artifact) -> list[Run]:
@@ -131,10 +179,8 @@ def read_runs(artifact: Artifact) -> list[Run]:
     if not len(described) == len(initial) == len(final) == len(noisy) == len(calm):
         raise ArtifactError(f"{artifact.path}: describes {len(described)} runs and holds {len(noisy)}: make it again")
     threshold = _threshold(artifact)
-    curves = [_curve(artifact, index) for index in range(len(described))]
-    policies: list[Parent | None] = [parent for parent in artifact.manifest.parents if parent.kind == "policy"]
-    if len(policies) != len(described):
-        policies = [None] * len(described)
+    curves = [curve_of(artifact, "normalised_distance", index) for index in range(len(described))]
+    policies = policies_of(artifact, len(described))
     return [
         Run(
             evaluation=artifact,
@@ -156,9 +202,10 @@ def read_runs(artifact: Artifact) -> list[Run]:
     ]
 
 
-def of_environment(artifact: Artifact) -> bool:
-    """Whether an evaluation is of policies in a Gymnasium environment, which have no distance to a goal."""
-    return "env_return" in artifact
+def policies_of(artifact: Artifact, runs: int) -> list[Parent | None]:
+    """The recorded file of each of the evaluation's policies; None of each if they are not all recorded."""
+    found: list[Parent | None] = [parent for parent in artifact.manifest.parents if parent.kind == "policy"]
+    return found if len(found) == runs else [None] * runs
 
 
 def _threshold(artifact: Artifact) -> float:
@@ -173,28 +220,35 @@ def _threshold(artifact: Artifact) -> float:
     return float(make_task(artifact.config["task"]).success_threshold)
 
 
-def _curve(artifact: Artifact, index: int) -> tuple[np.ndarray, np.ndarray]:
-    """Samples and normalized distances (I,) without the NaN padding; empty in older evaluations."""
-    if "curve/samples" not in artifact or "curve/normalised_distance" not in artifact:
+def curve_of(artifact: Artifact, name: str, index: int) -> tuple[np.ndarray, np.ndarray]:
+    """Samples and learning curve (I,) of a run without the NaN padding; both are empty in older evaluations."""
+    if "curve/samples" not in artifact or f"curve/{name}" not in artifact:
         return np.empty(0), np.empty(0)
-    samples, distances = artifact["curve/samples"][index], artifact["curve/normalised_distance"][index]
-    known = np.isfinite(samples) & np.isfinite(distances)
-    return samples[known], distances[known]
+    samples, values = artifact["curve/samples"][index], artifact[f"curve/{name}"][index]
+    known = np.isfinite(samples) & np.isfinite(values)
+    return samples[known], values[known]
 
 
 def row(run: Run) -> dict[str, object]:
     """A run as a row of `COLUMNS`; unknown values are left out."""
-    minutes = run.translator_minutes
     return {
         "task": run.task,
         "method": run.method,
-        "context_seed": run.recorded["context_seed"],
+        "context_seed": run.seed_of_context,
         "initial_distance": round(run.initial_distance, 4),
         "final_distance": round(run.final_distance, 4),
         "normalised_distance": round(run.normalised_distance, 4),
         "success_paper": int(run.success),
         "normalised_distance_deterministic": round(run.deterministic_distance, 4),
         "success_deterministic": round(run.deterministic_success, 3),
+        **costs(run),
+    }
+
+
+def costs(run: PolicyRun) -> dict[str, object]:
+    """Samples, minutes and metrics of a run, for its row in a table."""
+    minutes = run.translator_minutes
+    return {
         "samples": run.recorded["samples"],
         "translator_minutes": "" if minutes is None else round(minutes, 1),
         "learning_minutes": round(run.recorded["learning_minutes"], 2),

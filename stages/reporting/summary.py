@@ -46,6 +46,21 @@ class Summary:
     def success(self) -> float:
         return self.succeeded / len(self.runs)
 
+    @property
+    def label(self) -> str:
+        """The method, and how many of its runs succeed."""
+        return f"{self.method} ({self.succeeded} of {len(self.runs)})"
+
+    @property
+    def curve_label(self) -> str:
+        """What the learning curves show."""
+        return "final distance / initial distance"
+
+    @property
+    def threshold(self) -> float | None:
+        """Value of the learning curve below which a run succeeds; None: there is none."""
+        return self.runs[0].threshold
+
 
 def summarise(runs: Sequence[Run]) -> list[Summary]:
     """Group runs by task and method, in the order in which tables and plots show them."""

@@ -6,18 +6,31 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
+from stages.reporting.environment_runs import EnvironmentSummary
 from stages.reporting.summary import Summary
 from stages.runtime.terminal import one_line
 
 UNKNOWN = "\N{EN DASH}"
-WORDS = ("task", "method")
+WORDS = ("task", "environment", "method")
 SUMMARY_HEADS = (
-    *WORDS,
+    "task",
+    "method",
     "runs",
     "success rate, paper's criterion [95%]",
     "success rate in the paper",
     "success rate of deterministic episodes",
     "normalized final distance [95%]",
+    "samples per run",
+    "learning minutes per run",
+    "translator minutes",
+)
+ENVIRONMENT_HEADS = (
+    "environment",
+    "method",
+    "runs",
+    "success rate [95%]",
+    "success rate of deterministic episodes",
+    "return [95%]",
     "samples per run",
     "learning minutes per run",
     "translator minutes",
@@ -49,6 +62,11 @@ def summary_table(summaries: Sequence[Summary]) -> Table:
     return Table(SUMMARY_HEADS, [_summary_row(item) for item in summaries])
 
 
+def environment_table(summaries: Sequence[EnvironmentSummary]) -> Table:
+    """Success rate and return by environment and method."""
+    return Table(ENVIRONMENT_HEADS, [_environment_row(item) for item in summaries])
+
+
 def in_markdown(text: str) -> str:
     """A text on one line, escaped so that Markdown reads no HTML, link or end of a cell in it."""
     plain = escape(one_line(" ".join(text.split())), quote=False).replace("\\", "\\\\")
@@ -57,9 +75,6 @@ def in_markdown(text: str) -> str:
 
 def _summary_row(item: Summary) -> tuple[str, ...]:
     low, high = item.success_interval
-    near, far = item.distance_interval
-    # A single run has no spread over runs.
-    distance_interval = f" [{near:.3f}, {far:.3f}]" if len(item.runs) > 1 else ""
     return (
         item.task,
         item.method,
@@ -67,11 +82,33 @@ def _summary_row(item: Summary) -> tuple[str, ...]:
         f"{item.success:.2f} [{low:.2f}, {high:.2f}]",
         _known(item.paper, ".2f"),
         f"{item.deterministic:.2f}",
-        f"{item.distance:.3f}{distance_interval}",
-        f"{item.samples:,.0f}",
-        f"{item.learning_minutes:.1f}",
-        _known(item.translator_minutes, ".0f"),
+        f"{item.distance:.3f}{_spread(item.distance_interval, len(item.runs), '.3f')}",
+        *_costs(item),
     )
+
+
+def _environment_row(item: EnvironmentSummary) -> tuple[str, ...]:
+    count = len(item.runs)
+    rate = "" if item.success_interval is None else _spread(item.success_interval, count, ".2f")
+    return (
+        item.task,
+        item.method,
+        str(count),
+        _known(item.success, ".2f") + rate,
+        _known(item.deterministic, ".2f"),
+        f"{item.env_return:.4g}{_spread(item.return_interval, count, '.4g')}",
+        *_costs(item),
+    )
+
+
+def _spread(interval: tuple[float, float], runs: int, form: str) -> str:
+    """An interval over runs in brackets; a single run has none."""
+    low, high = interval
+    return f" [{low:{form}}, {high:{form}}]" if runs > 1 else ""
+
+
+def _costs(item: Summary | EnvironmentSummary) -> tuple[str, str, str]:
+    return f"{item.samples:,.0f}", f"{item.learning_minutes:.1f}", _known(item.translator_minutes, ".0f")
 
 
 def _known(value: float | None, form: str) -> str:

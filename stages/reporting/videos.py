@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from artifacts import Artifact, ancestors, open_regular, sibling
-from stages.reporting.rows import Run
+from stages.reporting.rows import PolicyRun
 
 MOST_BYTES = 30 * 10**6  # total size of the videos of a page
 MOST_TRANSLATIONS = 4  # per task
@@ -31,7 +31,7 @@ class Videos:
     notes: list[str]
 
 
-def collect_videos(evaluations: Sequence[Artifact], runs: Sequence[Run]) -> Videos:
+def collect_videos(evaluations: Sequence[Artifact], runs: Sequence[PolicyRun]) -> Videos:
     """Read the videos of evaluations, then those of translations, up to `MOST_BYTES`.
 
     Args:
@@ -65,7 +65,7 @@ def collect_videos(evaluations: Sequence[Artifact], runs: Sequence[Run]) -> Vide
     return Videos(shown, notes)
 
 
-def _evaluation_videos(evaluations: Sequence[Artifact], runs: Sequence[Run]) -> Iterator[tuple[str, str, Path]]:
+def _evaluation_videos(evaluations: Sequence[Artifact], runs: Sequence[PolicyRun]) -> Iterator[tuple[str, str, Path]]:
     for artifact in evaluations:
         mine = [run for run in runs if run.evaluation is artifact]
         if mine:
@@ -74,7 +74,7 @@ def _evaluation_videos(evaluations: Sequence[Artifact], runs: Sequence[Run]) -> 
             yield mine[0].task, title, sibling(artifact.path, ".mp4")
 
 
-def _translation_videos(runs: Sequence[Run]) -> Iterator[tuple[str, str, Path]]:
+def _translation_videos(runs: Sequence[PolicyRun]) -> Iterator[tuple[str, str, Path]]:
     """The first few translations of each task, each once; only if unchanged since a policy was learned from them."""
     found: dict[str, set[Path]] = {}
     for run in runs:
@@ -87,7 +87,7 @@ def _translation_videos(runs: Sequence[Run]) -> Iterator[tuple[str, str, Path]]:
             path = sibling(item.path, ".mp4")
             if item.parent.kind == "translation" and item.artifact is not None and path not in mine:
                 mine.add(path)
-                title = f"Translation that {run.name} learned from, context {run.recorded['context_seed']}"
+                title = f"Translation that {run.name} learned from, context {run.seed_of_context}"
                 yield run.task, title, path
 
 

@@ -64,12 +64,15 @@ def test_from_a_demonstrator_to_an_evaluated_policy(made):
         assert (folder / f"s.{kind}.mp4").exists()
 
 
-def test_a_report_says_that_it_leaves_environments_out(made, toy, ifo):
-    done = ifo(made[0], "report", "s.evaluation.h5")
-    assert done.returncode == 3 and "reports cover simulated tasks only" in done.stderr
-    done = ifo(made[0], "report", "s.evaluation.h5", toy.artifact("evaluation"), "--out", "r.html")
-    assert done.returncode == 0 and "Of Gymnasium environments, and not shown: s.evaluation.h5." in done.stderr
+def test_a_report_shows_environments_beside_tasks(made, toy, ifo):
+    done = ifo(made[0], "report", "s.evaluation.h5", toy.artifact("evaluation"), "--out", "r.html", "--json")
+    assert done.returncode == 0, done.stderr
+    shown = json.loads(done.stdout)
+    evaluation = read_artifact(made[0] / "s.evaluation.h5", "evaluation")
+    assert [item["success"] for item in shown["environments"]] == [evaluation["success_stochastic"].mean()]
+    assert len(shown["methods"]) == 1
     assert "s.evaluation.h5" in (made[0] / "r.html").read_text()
+    assert (made[0] / "r-environments.csv").read_text().count("\n") == 2
 
 
 def test_the_context_is_what_the_environment_shows_first(made):

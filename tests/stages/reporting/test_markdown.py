@@ -3,7 +3,7 @@
 from pathlib import Path
 from types import SimpleNamespace
 
-from stages.reporting.page import CAPTIONS, CRITERION, markdown
+from stages.reporting.page import CAPTIONS, CRITERIA, markdown
 from stages.reporting.tables import Table, summary_table
 from stages.reporting.videos import Video
 
@@ -51,11 +51,11 @@ def test_the_report_as_markdown():
         Video("reach", "Learned policies", Path("/x/a.mp4"), b""),
         Video("push", "A | B", Path("/x/b.mp4"), b""),
     ]
-    text = markdown("A | title", "From x.h5", table, plots, videos, ["One <note>", "Another"])
-    expected = RUN.format(criterion=CRITERION, success=CAPTIONS["success"], curves=CAPTIONS["curves"])
+    text = markdown("A | title", "From x.h5", {"success": table}, plots, videos, ["One <note>", "Another"])
+    expected = RUN.format(criterion=CRITERIA["success"], success=CAPTIONS["success"], curves=CAPTIONS["curves"])
     assert text == expected.replace("# A | title", "# A \\| title")
-    short = markdown("T", "O", table, {}, [], [])
-    assert short.endswith(f"| 3 |\n\n{CRITERION}\n") and "##" not in short
+    short = markdown("T", "O", {"success": table}, {}, [], [])
+    assert short.endswith(f"| 3 |\n\n{CRITERIA['success']}\n") and "##" not in short
 
 
 def test_a_row_of_the_summary_table():
@@ -80,4 +80,4 @@ def test_a_row_of_the_summary_table():
         "1.3",
         "\N{EN DASH}",
     )
-    assert table.words == ("task", "method") and len(table.heads) == 10
+    assert set(table.heads[:2]) <= set(table.words) and len(table.heads) == 10

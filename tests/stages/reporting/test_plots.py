@@ -15,7 +15,7 @@ EMPTY = np.empty(0)
 
 def run(samples=EMPTY, distances=EMPTY, threshold=0.5):
     return SimpleNamespace(
-        samples_curve=np.asarray(samples, float), distance_curve=np.asarray(distances, float), threshold=threshold
+        samples_curve=np.asarray(samples, float), curve=np.asarray(distances, float), threshold=threshold
     )
 
 
@@ -28,7 +28,9 @@ def summary(task="reach", method="translation", success=0.75, interval=(0.5, 0.9
         success_interval=interval,
         paper=paper,
         runs=runs,
-        succeeded=succeeded,
+        label=f"{method} ({succeeded} of {len(runs)})",
+        threshold=runs[0].threshold,
+        curve_label="final distance / initial distance",
     )
 
 
