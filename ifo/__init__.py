@@ -20,7 +20,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from artifacts import Artifact, ArtifactError, IfoError, PlatformError, UsageError, read_artifact
     from ifo import envs, scene, suite
-    from ifo.api import TranslationReward, TranslationRewardVector, check_task, load_policy, make_task, verify
+    from ifo.api import (
+        TranslationReward,
+        TranslationRewardVector,
+        check_task,
+        load_policy,
+        make_environment,
+        make_task,
+        verify,
+    )
     from stages.simulation.blame import TaskError
     from stages.simulation.contexts import ContextDistribution, Contexts
     from stages.simulation.task import State, Task
@@ -37,6 +45,7 @@ _MODULE_OF = {
             "__version__",
             "check_task",
             "load_policy",
+            "make_environment",
             "make_task",
             "verify",
         ),
@@ -65,6 +74,7 @@ __all__ = [
     "check_task",
     "envs",
     "load_policy",
+    "make_environment",
     "make_task",
     "read_artifact",
     "scene",

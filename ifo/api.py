@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 from artifacts.version import ifo_version
 
 if TYPE_CHECKING:
+    import gymnasium
+
     from artifacts import VerifyReport
     from stages.learners.policy import Policy
     from stages.simulation.checking import Report
@@ -62,6 +64,33 @@ def check_task(task: Task, seed: int = 0) -> Report:
     from stages.simulation.checking import check_task
 
     return check_task(task, seed)
+
+
+def make_environment(path: str | Path) -> gymnasium.Env:
+    """Make the Gymnasium environment of a `translation` or `policy` artifact as `ifo learn-policy` does.
+
+    Every episode starts in the learner's context and has the artifact's number of steps; an environment that ends
+    earlier stands still until then. The observation is flat, without images, and its last entry is the time, from 0 to
+    1. Actions are scaled to [-1, 1]. `render` returns frames of the translator's size. After the last step,
+    `info["outcome"]` has the return of the environment's own reward (`env_return`) and, if it is known, `success`.
+
+        env = ifo.TranslationReward(ifo.make_environment(path), path)
+
+    Raises:
+        ArtifactError: The file is missing, damaged, of the wrong kind, or was not made for a Gymnasium environment.
+        UsageError: The environment cannot be made, fails, or is code that IFO_ENVS does not permit.
+    """
+    _choose_backend(required=False)
+    from artifacts import ArtifactError, read_artifact
+    from stages.environments.lockstep import Strict
+    from stages.environments.making import make_environment
+    from stages.environments.spec import EnvironmentSpec
+
+    source = read_artifact(path, ("translation", "policy"))
+    spec = EnvironmentSpec.of(source)
+    if spec is None:
+        raise ArtifactError(f"{path}: was not made for a Gymnasium environment: use ifo.make_task or ifo.envs")
+    return Strict(make_environment(spec), spec, range(0))
 
 
 def load_policy(path: str | Path) -> Policy:

@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from stages.environments.making import fault, frame_of, make_environment, rendered
+from stages.environments.making import EnvironmentFault, fault, frame_of, make_environment, rendered
 from stages.environments.spec import EnvironmentSpec
 from stages.environments.success import Success
 
@@ -113,6 +113,25 @@ class Lockstep(gymnasium.Wrapper):
 
     def _told(self, info: dict[str, Any]) -> dict[str, Any]:
         return {**info, "fault": self._fault} if self._fault else info
+
+
+class Strict(Lockstep):
+    """`Lockstep` for use outside of ifo's own processes: it renders frames, and raises what the environment raises."""
+
+    _cause: BaseException | None = None
+
+    def render(self) -> Any:
+        """The frame (H, W, 3), uint8, that the environment shows now."""
+        return self._shown()
+
+    def _fail(self, where: str, error: BaseException) -> None:
+        super()._fail(where, error)
+        self._cause = self._cause or error
+
+    def _told(self, info: dict[str, Any]) -> dict[str, Any]:
+        if self._fault:
+            raise EnvironmentFault(self._fault) from self._cause
+        return info
 
 
 def make_lockstep(spec: EnvironmentSpec, shown: range | None = None) -> Lockstep:

@@ -65,7 +65,7 @@ class TranslationRewardVector(VectorWrapper):
         self._checked = False
         spec = env.spec
         limit = None if spec is None else spec.max_episode_steps
-        self._warn(length_problem(limit, self._target.frames, self._target.frame_every))
+        self._warn(length_problem(limit, self._target.timing))
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start episodes at frame 0 of the target; with `options["reset_mask"]`, only those of the mask."""
@@ -89,19 +89,19 @@ class TranslationRewardVector(VectorWrapper):
         self._steps = np.where(begun, 0, self._steps + 1)
         terms = {term: np.zeros(self.num_envs) for term in REWARD_TERMS}
         target = self._target
-        frame, between = np.divmod(self._steps, target.frame_every)
-        due = ~begun & (between == 0) & (frame < target.frames)
-        cut = ~begun & terminated & (frame + 1 < target.frames)
+        frame_steps = np.array(target.timing.frame_steps)
+        due = ~begun & np.isin(self._steps, frame_steps)
+        cut = ~begun & terminated & (self._steps < frame_steps[-1])
         seen = np.flatnonzero(due | cut)
         if len(seen):
             shown = dict(zip(seen.tolist(), self._frames(seen), strict=True))
-            for index in range(1, target.frames):
-                at = [k for k in shown if (due[k] and frame[k] == index) or (cut[k] and index > frame[k])]
+            for index, step in enumerate(target.timing.frame_steps[1:], 1):
+                at = [k for k in shown if self._steps[k] == step or (cut[k] and self._steps[k] < step)]
                 if at:
                     for term, values in target.reward(np.stack([shown[k] for k in at]), index).items():
                         terms[term][at] += values
         for steps in self._steps[truncated & ~terminated]:
-            self._warn(length_problem(int(steps), target.frames, target.frame_every))
+            self._warn(length_problem(int(steps), target.timing))
         self._ended = terminated | truncated
         told = {"env_reward": env_reward, **{f"reward_{term}": values for term, values in terms.items()}}
         return observation, np.sum(list(terms.values()), axis=0), terminated, truncated, {**info, **told}

@@ -19,6 +19,7 @@ from gymnasium.utils import RecordConstructorArgs
 from artifacts import Artifact, UsageError, read_artifact
 from stages.config.presets import DEFAULT_PRESET, PRESETS, defaults
 from stages.config.stages import RAMPS, REWARD_TERMS, PolicyConfig
+from stages.environments.timing import Timing
 from stages.rewards.frames import time_weights
 from stages.rewards.scene_checks import length_problem, problems_of_first_frame, stretch_problem
 from stages.rewards.tracking import TrackingReward, TrackingTarget
@@ -29,8 +30,9 @@ from stages.translation.networks import load_translator
 class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
     """Replaces the reward of an environment by the reward for tracking a translated video (Sec. V.A).
 
-    Frame j = 1 .. T-1 of the target is compared with the environment's frame after `j * frame_every` steps. At all
-    other steps, the reward is zero. An episode that terminates earlier is charged at once for the rest of the target,
+    Frame j = 1 .. T-1 of the target is compared with the environment's frame after `j * frame_every` steps, or, if the
+    translation was made for a Gymnasium environment, at the steps that it records. At all other steps, the reward is
+    zero. An episode that terminates earlier is charged at once for the rest of the target,
     as if the environment had stood still in its last frame: ending early must not pay. `info` contains the
     environment's original reward, `env_reward`, and both weighted terms of the reward, `reward_feat` and `reward_img`.
 
@@ -56,7 +58,7 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
         Args:
             env: Environment to learn in; its frames must show the context of the translation.
             translation: Path of the `translation` artifact; the translator that it was made with must exist.
-            frame_every: Steps between two frames (None: as in the task of the translation).
+            frame_every: Steps between two frames (None: as in the task or environment of the translation).
             without: Terms to switch off: `feat` or `img`.
             image_weight: Weight w_rec of R_img (None: default of `ifo learn-policy`).
             blur: Standard deviation, in pixels, of the Gaussian blur under which R_img also compares images (None:
@@ -87,7 +89,7 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
         gymnasium.Wrapper.__init__(self, env)
         target = Target.of(translation, frame_every, without, image_weight, blur, ramp, device)
         self._target = target
-        self._size, self._frames, self._frame_every = target.size, target.frames, target.frame_every
+        self._size, self._timing = target.size, target.timing
         self._reward = target.reward
         self._pixels = pixels
         self._warned: set[str] = set()
@@ -96,7 +98,7 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
         self._moved = False
         self._check_shown()
         steps = None if env.spec is None else env.spec.max_episode_steps
-        self._warn(length_problem(steps, self._frames, self._frame_every))
+        self._warn(length_problem(steps, self._timing))
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode at frame 0 of the target."""
@@ -114,26 +116,26 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
         """Take `action` and return the reward for how closely the next frame follows the target."""
         observation, env_reward, terminated, truncated, info = self.env.step(action)
         self._step += 1
-        frame, between = divmod(self._step, self._frame_every)
         terms = dict.fromkeys(REWARD_TERMS, 0.0)
-        compared = [frame] if not between and frame < self._frames else []
+        frame = self._timing.frame_at(self._step)
+        compared = [] if frame is None else [frame]
         if terminated:
-            compared += range(frame + 1, self._frames)
+            compared += (j for j, step in enumerate(self._timing.frame_steps) if step > self._step)
         if compared:
             shown = self._shown(observation)
-            self._check_motion(shown, frame)
+            self._check_motion(shown, last=frame == self._timing.frames - 1)
             for index in compared:
                 for term, values in self._reward(shown[None], index).items():
                     terms[term] += float(values[0])
         if truncated and not terminated:
-            self._warn(length_problem(self._step, self._frames, self._frame_every))
+            self._warn(length_problem(self._step, self._timing))
         info = {**info, "env_reward": env_reward, **{f"reward_{term}": value for term, value in terms.items()}}
         return observation, sum(terms.values()), terminated, truncated, info
 
-    def _check_motion(self, shown: np.ndarray, frame: int) -> None:
+    def _check_motion(self, shown: np.ndarray, last: bool) -> None:
         """Warn if all frames up to the end of the target equal the first one of the first episode."""
         self._moved |= not np.array_equal(shown, self._first)
-        if not self._moved and frame >= self._frames - 1:
+        if not self._moved and last:
             self._warn(
                 "the environment's frames do not change during an episode: check that it renders (`ifo doctor` checks "
                 "OpenGL), and that the camera shows what moves"
@@ -188,12 +190,12 @@ class Target:
     Attributes:
         reward: The reward for single frames.
         context_frame: The context frame (H, W, 3), uint8.
-        frame_every: Steps between two frames.
+        timing: The steps at which an episode shows the frames of the target.
     """
 
     reward: TrackingReward
     context_frame: np.ndarray
-    frame_every: int
+    timing: Timing
 
     @property
     def frames(self) -> int:
@@ -226,9 +228,7 @@ class Target:
         learning = _learning(source)
         device = pick_device(device)
         target = TrackingTarget.of(source, learning.blur if blur is None else blur, device)
-        every = _frame_every(source) if frame_every is None else frame_every
-        if every < 1:
-            raise UsageError(f"frame_every={every}: expected at least 1 step between two frames")
+        timing = _timing(source, len(target.images), frame_every)
         reward = TrackingReward(
             load_translator(source.parent("translator", check=True), device),
             target,
@@ -237,7 +237,7 @@ class Target:
             _without(without),
             device,
         )
-        return cls(reward, source["context_frame"], every)
+        return cls(reward, source["context_frame"], timing)
 
 
 def checked_image(image: Any) -> np.ndarray:
@@ -280,16 +280,22 @@ def _learning(source: Artifact) -> PolicyConfig:
     return defaults(preset, "learn-policy", task, own=task_defaults(task))
 
 
-def _frame_every(source: Artifact) -> int:
-    """Control steps between two frames of the translation's task."""
+def _timing(source: Artifact, frames: int, frame_every: int | None) -> Timing:
+    """The steps of the frames: every `frame_every` steps; None: as in the translation's task or environment."""
     from stages.simulation.registry import make_task
 
-    if not source.config.get("task"):
+    recorded = source.config.get("environment")
+    if frame_every is None and recorded is not None:
+        return Timing.spread(recorded["control_steps"], frames)
+    if frame_every is None and not source.config.get("task"):
         raise UsageError(
             f"TranslationReward: {source.path} has no simulated task; set the number of steps between two frames with "
             "frame_every="
         )
-    return make_task(source.config["task"]).frame_every
+    every = make_task(source.config["task"]).frame_every if frame_every is None else frame_every
+    if every < 1:
+        raise UsageError(f"frame_every={every}: expected at least 1 step between two frames")
+    return Timing.regular((frames - 1) * every + 1, every)
 
 
 def _ramp(source: Artifact, ramp: str) -> str:

@@ -7,6 +7,7 @@ from fractions import Fraction
 import numpy as np
 import torch
 
+from stages.environments.timing import Timing
 from stages.rewards.tracking import gaussian, motion
 from stages.translation.networks import to_images
 
@@ -57,19 +58,18 @@ def stretch_problem(shape: tuple[int, ...], size: tuple[int, int]) -> str:
     )
 
 
-def length_problem(steps: int | None, frames: int, frame_every: int) -> str:
+def length_problem(steps: int | None, timing: Timing) -> str:
     """Return what is wrong with the length of episodes; empty: nothing.
 
     Args:
         steps: Steps of an episode; None: no limit is known.
-        frames: Number of frames T of the target.
-        frame_every: Steps between two frames.
+        timing: The steps at which an episode shows the frames of the target.
     """
-    needed = (frames - 1) * frame_every
+    needed = timing.frame_steps[-1]
     if steps is None or steps >= needed:
         return ""
-    reached = steps // frame_every
+    reached = max(j for j, step in enumerate(timing.frame_steps) if step <= steps)
     return (
-        f"episodes of {steps} steps end at frame {reached} of {frames - 1} of the target, which takes {needed} steps: "
-        "allow longer episodes (max_episode_steps), or choose a smaller frame_every"
+        f"episodes of {steps} steps end at frame {reached} of {timing.frames - 1} of the target, which takes {needed} "
+        "steps: allow longer episodes (max_episode_steps), or choose a smaller frame_every"
     )

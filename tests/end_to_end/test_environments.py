@@ -1,12 +1,17 @@
 """The five commands in a Gymnasium environment that ifo does not know."""
 
 import json
+import os
+import subprocess
+import sys
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from artifacts import read_artifact, write_png
+import ifo as ifo_api
+from artifacts import ArtifactError, UsageError, read_artifact, write_png
 
 HERE = "tests.stages.environments.slides"
 SLIDE, RIGHT = f"{HERE}:Slide", f"{HERE}:go_right"
@@ -73,6 +78,68 @@ def test_a_report_shows_environments_beside_tasks(made, toy, ifo):
     assert len(shown["methods"]) == 1
     assert "s.evaluation.h5" in (made[0] / "r.html").read_text()
     assert (made[0] / "r-environments.csv").read_text().count("\n") == 2
+
+
+@pytest.mark.parametrize(
+    ("example", "options"),
+    [
+        ("sb3_ppo.py", ("--envs", 2, "--rollout", 20, "--episodes", 2)),
+        ("cleanrl_ppo.py", ("--envs", 2, "--rollout", 22, "--minibatches", 2)),
+    ],
+)
+def test_other_libraries_learn_from_a_translation(made, example, options):
+    root = Path(__file__).parents[2]
+    words = [sys.executable, root / "examples" / example, "s.translation.h5", "--steps", 80, *options]
+    done = subprocess.run(
+        [*map(str, words)],
+        cwd=made[0],
+        env={**os.environ, "PYTHONPATH": str(root), "OMP_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Warning" not in done.stderr, "the scene is the translation's"
+    assert "success" in done.stdout and "env_return" in done.stdout
+
+
+def test_the_environment_of_a_file_is_the_learners(made, monkeypatch):
+    path = made[0] / "s.translation.h5"
+    env = ifo_api.make_environment(path)
+    observation, _ = env.reset(seed=3)
+    assert observation.shape == (3,) and observation[-1] == 0
+    frames = [env.render()]
+    assert np.array_equal(frames[0], read_artifact(path, "translation")["context_frame"]), "in the context, at its size"
+    tracked = ifo_api.TranslationReward(env, path)
+    tracked.reset()
+    paid = []
+    for step in range(1, 11):
+        observation, reward, terminated, truncated, info = tracked.step(np.array([1.0, 0.0], np.float32))
+        paid.append(reward)
+        assert observation[-1] == pytest.approx(step / 10) and (terminated, truncated) == (False, step == 10)
+    assert [step for step, reward in enumerate(paid, 1) if reward] == [2, 4, 6, 8, 10], "where the target has frames"
+    assert info["outcome"]["success"] == 1.0
+    monkeypatch.setenv("IFO_ENVS", "")
+    with pytest.raises(UsageError, match="IFO_ENVS"):
+        ifo_api.make_environment(path)
+
+
+def test_what_a_users_environment_raises_is_raised(made):
+    from stages.environments.lockstep import Strict
+    from stages.environments.making import EnvironmentFault, make_environment
+    from stages.environments.spec import EnvironmentSpec
+
+    spec = EnvironmentSpec(SLIDE, {"broken": "step"}, 0, 10, 6, (16, 16))
+    env = Strict(make_environment(spec), spec, range(0))
+    env.reset()
+    with pytest.raises(EnvironmentFault, match="step failed") as caught:
+        env.step(np.zeros(2, np.float32))
+    assert isinstance(caught.value.__cause__, RuntimeError)
+
+
+def test_only_files_of_environments_have_one(toy):
+    with pytest.raises(ArtifactError, match="was not made for a Gymnasium environment"):
+        ifo_api.make_environment(toy.artifact("translation"))
 
 
 def test_the_context_is_what_the_environment_shows_first(made):

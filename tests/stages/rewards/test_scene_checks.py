@@ -10,6 +10,7 @@ import pytest
 import torch
 from gymnasium.wrappers import TimeLimit
 
+from stages.environments.timing import Timing
 from stages.rewards.gym_wrapper import TranslationReward
 from stages.rewards.scene_checks import MOST_UNLIKE, length_problem, stretch_problem, unlike
 from stages.simulation.contexts import DISTRIBUTIONS
@@ -143,8 +144,10 @@ def test_a_truncated_episode_is_not_charged(squares):
 
 
 def test_lengths_and_shapes():
-    assert length_problem(None, 25, 2) == "" and length_problem(48, 25, 2) == ""
-    assert "frame 23 of 24" in length_problem(47, 25, 2)
+    timing = Timing.regular(49, 2)
+    assert length_problem(None, timing) == "" and length_problem(48, timing) == ""
+    assert "frame 23 of 24" in length_problem(47, timing)
+    assert "frame 2 of 3 of the target, which takes 10 steps" in length_problem(9, Timing.spread(10, 4))
     assert stretch_problem((480, 640, 3), (48, 64)) == "" and stretch_problem((500, 510, 3), (48, 48)) == ""
     assert "crop them to 4:3" in stretch_problem((480, 480, 3), (48, 64))
 
