@@ -47,6 +47,13 @@ class TranslatorConfig(Config):
     rec_frames: int = option(
         1, "Frames per video and step that L_rec reconstructs (0: all).", low=0, effect=RECONSTRUCTS
     )
+    trans_frames: int = option(
+        0,
+        "Frames per video and step that L_trans decodes (0: all); L_align compares the features of all.",
+        low=0,
+        effect=(TRAINS, Not("without", "trans")),
+        off=0,
+    )
     learning_rate: float = option(1e-3, "Peak learning rate.", low=0, effect=(TRAINS,))
     schedule: str = option(
         "cosine",

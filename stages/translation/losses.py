@@ -32,6 +32,7 @@ def translation_losses(
     sources: list[Tensor],
     motion_weight: float = 0.0,
     reconstructed: Tensor | None = None,
+    translated: Tensor | None = None,
 ) -> dict[str, Tensor]:
     """L_trans, L_rec and L_align of pairs of videos; each is a sum over pixels or features, averaged over frames.
 
@@ -45,6 +46,8 @@ def translation_losses(
         sources: Permutations (V,): in pairing m, video sources[m][j] is translated into the context of video j.
         motion_weight: Additional weight of pixels that differ from the context frame (0: losses of the paper).
         reconstructed: Indices (R,) of the times at which L_rec is computed (None: all K).
+        translated: Indices of the times at which L_trans is computed (None: all K). L_align needs no images, and is
+            computed at all times.
 
     Returns:
         Scalars `trans`, `rec` and `align`.
@@ -52,14 +55,17 @@ def translation_losses(
     count = len(videos)
     encoded, context = model.encode_all(videos.flatten(0, 1), contexts)
     features = encoded.unflatten(0, (count, -1))
-    translated = [
+    predicted = [
         model.translate(features[source].flatten(0, 1), context).unflatten(0, (count, -1)) for source in sources
     ]
-    shown = slice(None) if reconstructed is None else reconstructed
-    own = features[:, shown]
+    everything = slice(None)
+    shown = everything if reconstructed is None else reconstructed
+    chosen = everything if translated is None else translated
+    own, truth = features[:, shown], videos[:, chosen]
     # Decode reconstructions and translations in one call of Dec, so that the context's skips are convolved only once.
-    decoded = model.decode(torch.cat([own, *translated], dim=1).flatten(0, 1), context).unflatten(0, (count, -1))
-    reconstruction, *translations = decoded.split([own.shape[1], *[videos.shape[1]] * len(sources)], dim=1)
+    wanted = torch.cat([own, *(z3[:, chosen] for z3 in predicted)], dim=1)
+    decoded = model.decode(wanted.flatten(0, 1), context).unflatten(0, (count, -1))
+    reconstruction, *translations = decoded.split([own.shape[1], *[truth.shape[1]] * len(sources)], dim=1)
     weights = torch.ones_like(videos[:, :, :1])
     if motion_weight:
         weights = 1.0 + motion_weight * ((videos - contexts[:, None]).abs().amax(dim=2, keepdim=True) > 0.1)
@@ -72,7 +78,7 @@ def translation_losses(
     pairings = max(len(sources), 1)
     zero = videos.new_zeros(())
     return {
-        "trans": sum((squared(images, videos, weights) for images in translations), zero) / pairings,
+        "trans": sum((squared(images, truth, weights[:, chosen]) for images in translations), zero) / pairings,
         "rec": squared(reconstruction, videos[:, shown], weights[:, shown]),
-        "align": sum(((z3 - features).square().sum() / n for z3 in translated), zero) / pairings,
+        "align": sum(((z3 - features).square().sum() / n for z3 in predicted), zero) / pairings,
     }

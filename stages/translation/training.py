@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -29,6 +29,24 @@ FINAL_RATE = 0.02  # final learning rate of the cosine schedule, relative to the
 GRADIENT_NORM = 50.0
 ALIGN_AT = (0.2, 0.5)  # shares of the steps after which videos are aligned, and aligned again
 GPU_SHARE = 0.5  # maximum share of the free GPU memory for training videos
+
+
+class Batch(NamedTuple):
+    """Videos of one group, with the arguments of `translation_losses`.
+
+    Attributes:
+        videos: Frames (V, K, 3, H, W) in [-1, 1].
+        contexts: First frames (V, 3, H, W).
+        sources: Source (V,) of each video in each pairing.
+        reconstructed: Indices of the times at which L_rec is computed (None: all K).
+        translated: Indices of the times at which L_trans is computed (None: all K).
+    """
+
+    videos: Tensor
+    contexts: Tensor
+    sources: list[Tensor]
+    reconstructed: Tensor | None
+    translated: Tensor | None
 
 
 class TranslatorTraining:
@@ -154,10 +172,18 @@ class TranslatorTraining:
     def _forward(self, group: int) -> tuple[Tensor, Tensor]:
         """The weighted loss of one group as its share of the mean over groups, and its three losses (3,), detached."""
         config = self.config
-        videos, contexts, sources, reconstructed = self._batch(group)
+        batch = self._batch(group)
         use_amp = config.amp and self.device.startswith("cuda")
         with torch.autocast("cuda", torch.bfloat16, enabled=use_amp):
-            losses = self._losses(self.model, videos, contexts, sources, config.motion_weight, reconstructed)
+            losses = self._losses(
+                self.model,
+                batch.videos,
+                batch.contexts,
+                batch.sources,
+                config.motion_weight,
+                batch.reconstructed,
+                batch.translated,
+            )
             total = (
                 self._weights.trans * losses["trans"]
                 + self._weights.rec * losses["rec"]
@@ -197,13 +223,13 @@ class TranslatorTraining:
         cosine = 0.5 * (1 + math.cos(math.pi * self.step / config.steps))
         return config.learning_rate * warm * max(cosine, FINAL_RATE)
 
-    def _batch(self, group: int = 0) -> tuple[Tensor, Tensor, list[Tensor], Tensor | None]:
-        """Videos (V, K, 3, H, W), contexts (V, 3, H, W), sources (V,) of each pairing, and times (R,) for L_rec."""
+    def _batch(self, group: int = 0) -> Batch:
+        """What a step trains one group on."""
         config = self.config
         rng = generator(self.seed, "batch", self.step, *([group] if group else []))
-        count, times = self._frames.shape[:2]
+        count, length = self._frames.shape[:2]
         chosen = rng.choice(count, min(config.videos, count), replace=False)
-        moments = 1 + rng.choice(times - 1, min(config.frames, times - 1), replace=False)
+        moments = 1 + rng.choice(length - 1, min(config.frames, length - 1), replace=False)
         shown = np.concatenate([[0], np.sort(moments)])
         index = np.tile(shown, (len(chosen), 1)) if self._index is None else self._index[chosen][:, shown]
         images = to_images(self._picked(chosen, index))
@@ -217,10 +243,16 @@ class TranslatorTraining:
             images = augmented(images, generator(self.seed, "augment", self.step, group))
         shifts = 1 + rng.choice(len(chosen) - 1, min(config.pairings, len(chosen) - 1), replace=False)
         sources = [self._sent((np.arange(len(chosen)) + shift) % len(chosen)) for shift in shifts]
-        reconstructed = None
+        reconstructed = translated = None
+        times = np.arange(len(moments))
         if 0 < config.rec_frames < len(moments):
-            reconstructed = self._sent(rng.choice(len(moments), config.rec_frames, replace=False))
-        return images[:, 1:], images[:, 0], sources, reconstructed
+            own = rng.choice(len(moments), config.rec_frames, replace=False)
+            reconstructed, times = self._sent(own), np.setdiff1d(times, own)
+        if 0 < config.trans_frames < len(moments):
+            # Times that are not reconstructed, if there are enough.
+            among = times if len(times) >= config.trans_frames else len(moments)
+            translated = self._sent(rng.choice(among, config.trans_frames, replace=False))
+        return Batch(images[:, 1:], images[:, 0], sources, reconstructed, translated)
 
     def _picked(self, videos: np.ndarray, index: np.ndarray) -> Tensor:
         """Frames `index` (V, F) of the training videos with numbers `videos` (V,), on the device."""

@@ -122,7 +122,7 @@ def test_the_gradient_is_that_of_the_weighted_losses():
     config = dataclasses.replace(CONFIG, schedule="constant", lambda_rec=0.5, lambda_align=3.0, motion_weight=2.0)
     for without, weights in (((), (1.0, 0.5, 3.0)), (("trans",), (0.0, 0.5, 3.0)), (("rec", "align"), (1.0, 0.0, 0.0))):
         training = start(dataclasses.replace(config, without=without, rec_frames=1))
-        videos, contexts, sources, reconstructed = training._batch()
+        videos, contexts, sources, reconstructed, _ = training._batch()
         assert len(reconstructed) == 1
         losses = translation_losses(training.model, videos, contexts, sources, 2.0, reconstructed)
         total = sum(weight * losses[name] for weight, name in zip(weights, ("trans", "rec", "align"), strict=True))
@@ -147,7 +147,7 @@ def test_a_batch_is_of_different_videos_at_the_same_later_times():
     seen_videos, seen_times, seen_shifts = set(), set(), set()
     for step in range(25):
         training.step = step
-        images, contexts, sources, _ = training._batch()
+        images, contexts, sources, *_ = training._batch()
         videos, times = decoded(images)
         own, first = decoded(contexts)
         assert (videos == own[:, None]).all() and len(set(own)) == 4, "a frame's context is its own video's"
@@ -163,7 +163,7 @@ def test_a_batch_is_of_different_videos_at_the_same_later_times():
 
 def test_a_batch_takes_what_there_is_where_more_is_asked_for():
     training = start(dataclasses.replace(CONFIG, videos=16, frames=9, pairings=9, rec_frames=9), coded(n=3))
-    images, contexts, sources, reconstructed = training._batch()
+    images, contexts, sources, reconstructed, _ = training._batch()
     _, times = decoded(images)
     assert sorted(decoded(contexts)[0]) == [0, 1, 2]
     assert (times == [1, 2, 3, 4]).all()

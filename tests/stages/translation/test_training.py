@@ -101,7 +101,7 @@ def test_learns_to_translate_a_moving_square(arch, rate, ratio):
 
 def test_batches_follow_from_the_seed_alone():
     training = TranslatorTraining(CONFIG, moving_squares(32), 3, "cpu")
-    videos, contexts, sources, reconstructed = training._batch()
+    videos, contexts, sources, reconstructed, _ = training._batch()
     assert len(reconstructed) == 1 and int(reconstructed[0]) < 2
     assert videos.shape == (4, 2, 3, 16, 16)
     assert contexts.shape == (4, 3, 16, 16)
@@ -208,6 +208,27 @@ def test_reconstructs_as_many_frames_as_asked_and_the_batch_stays_the_same():
         assert len(chosen[3]) == 1
         seen.update(chosen[3].tolist())
     assert seen == set(range(4))
+
+
+@pytest.mark.parametrize(("rec_frames", "trans_frames", "apart"), [(1, 2, True), (2, 3, False), (0, 1, False)])
+def test_translates_as_many_frames_as_asked_and_others_than_it_reconstructs(rec_frames, trans_frames, apart):
+    config = dataclasses.replace(CONFIG, frames=4, rec_frames=rec_frames)
+    every, some = (
+        TranslatorTraining(dataclasses.replace(config, trans_frames=frames), moving_squares(32), 3, "cpu")
+        for frames in (0, trans_frames)
+    )
+    counts, shared = np.zeros(4), 0
+    for step in range(60):
+        every.step = some.step = step
+        plain, chosen = every._batch(), some._batch()
+        assert plain.translated is None and torch.equal(plain.videos, chosen.videos)
+        if rec_frames:
+            assert torch.equal(plain.reconstructed, chosen.reconstructed)
+            shared += len(set(chosen.reconstructed.tolist()) & set(chosen.translated.tolist()))
+        assert len(set(chosen.translated.tolist())) == trans_frames
+        counts[chosen.translated] += 1
+    assert (shared == 0) == (apart or not rec_frames)
+    np.testing.assert_allclose(counts / 60, trans_frames / 4, atol=0.2)
 
 
 def test_mirrors_and_swaps_colours_only_where_asked():
