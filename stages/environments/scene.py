@@ -104,12 +104,15 @@ def _refuse_stretched(spec: EnvironmentSpec, env: gymnasium.Env) -> None:
 def as_filmed(config: TranslateConfig, demos: Artifact, given: Collection[str]) -> TranslateConfig:
     """The configuration with the environment in which demonstrations were filmed, if no other place was chosen.
 
+    Where `--env` names that environment, what is left out is taken from it as well.
+
     Raises:
         UsageError: Making that environment needs the user's permission, or an option in `given` has no effect there.
     """
-    if config.env:
+    recorded = demos.config.get("environment")
+    if config.env and (recorded is None or recorded["name"] != config.env):
         return config
-    if config.context_image or not demos.config.get("environment"):
+    if config.context_image or not recorded:
         for name in (*OF_ENVIRONMENTS, *(() if config.context_image else ("crop",))):
             if name in given:
                 raise UsageError(f"{flag(name)} has no effect without --env: give --env as well, or leave it out")
@@ -120,7 +123,7 @@ def as_filmed(config: TranslateConfig, demos: Artifact, given: Collection[str]) 
                 f"{flag(name)} has no effect on demonstrations of environment {demos.config['environment']['name']}: "
                 "use --env-seed and --viewpoint"
             )
-    spec = EnvironmentSpec.of(demos)
+    spec = EnvironmentSpec.of(demos, {config.env, config.success})
     assert spec is not None
     return replace(
         config,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -60,8 +60,12 @@ class EnvironmentSpec:
         }
 
     @classmethod
-    def of(cls, artifact: Artifact) -> EnvironmentSpec | None:
-        """The environment that a translation or policy records; None: it is simulated, or has only an image.
+    def of(cls, artifact: Artifact, typed: Collection[str] = ()) -> EnvironmentSpec | None:
+        """The environment that an artifact records; None: it is of a simulated task, or has only an image.
+
+        Args:
+            artifact: The artifact.
+            typed: Names of environments and functions that the user typed, whose code needs no other permission.
 
         Raises:
             ArtifactError: The record contradicts itself.
@@ -87,7 +91,7 @@ class EnvironmentSpec:
                 f"{artifact.path}: its configuration has {spec.frames} frames in {spec.control_steps} steps: make it "
                 "again"
             )
-        refuse_unless_trusted(spec.name, spec.kwargs)
+        refuse_unless_trusted(spec.name, spec.kwargs, typed)
         if spec.success:
-            refuse_unless_trusted(spec.success, {})
+            refuse_unless_trusted(spec.success, {}, typed)
         return spec

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import ifo as ifo_api
-from artifacts import ArtifactError, UsageError, read_artifact, write_png
+from artifacts import ArtifactError, UsageError, read_artifact, write_artifact, write_png
 
 HERE = "tests.stages.environments.slides"
 SLIDE, RIGHT = f"{HERE}:Slide", f"{HERE}:go_right"
@@ -332,3 +332,37 @@ def test_a_demonstrator_whose_module_does_not_exist_is_told_in_one_line(ifo, tmp
     done = ifo(tmp_path, "collect-demos", f"env:{SLIDE}", "--demonstrator", "no.such:one", *FILM)
     assert done.returncode == 2 and "ifo: demonstrator no.such:one: cannot be loaded" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_the_demonstrations_environment_by_name_is_filmed_as_they_were(made, ifo, monkeypatch):
+    monkeypatch.delenv("IFO_ENVS")  # What is typed needs no permission.
+    done = ifo(made[0], "translate", "s.translator.h5", "--env", SLIDE, "--env-seed", 7, "--out", "n.translation.h5")
+    assert done.returncode == 0, done.stderr
+    named, left_out = (read_artifact(made[0] / name) for name in ("n.translation.h5", "s.translation.h5"))
+    assert named.config["environment"] == left_out.config["environment"]
+
+
+def test_another_viewpoint_and_arguments_win_over_those_of_the_demonstrations(tmp_path):
+    from stages.config.stages import TranslateConfig
+    from stages.environments.scene import as_filmed
+    from stages.environments.spec import EnvironmentSpec
+    from stages.environments.viewpoints import Viewpoint
+
+    spec = EnvironmentSpec("Reacher-v5", {"reward_control_weight": 2}, 0, 40, 6, (16, 16), None, Viewpoint(5, -30, 0.5))
+    path = write_artifact(
+        tmp_path / "x.demos.h5",
+        "demos",
+        {"frames": np.zeros((1, 6, 16, 16, 3), np.uint8)},
+        config={"environment": spec.described()},
+        seed=0,
+        command="ifo test",
+    )
+    demos = read_artifact(path)
+    same = as_filmed(TranslateConfig(env="Reacher-v5"), demos, {"env"})
+    assert same == as_filmed(TranslateConfig(), demos, ())
+    assert (same.viewpoint, same.episode_steps) == ("5,-30,0.5", 40)
+    assert same.env_kwargs == ("reward_control_weight=2",)
+    own = as_filmed(TranslateConfig(env="Reacher-v5", viewpoint="0,0,1"), demos, {"env", "viewpoint"})
+    assert own.viewpoint == "0,0,1"
+    other = TranslateConfig(env="Pusher-v5")
+    assert as_filmed(other, demos, {"env"}) == other
