@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +31,7 @@ from stages.runtime.seeding import generator
 from stages.simulation.contexts import Contexts
 
 if TYPE_CHECKING:
+    from stages.environments.spec import EnvironmentSpec
     from stages.learners.demonstrators import Demonstrator
     from stages.rewards.quality import Quality
     from stages.simulation.task import Task
@@ -47,6 +49,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     """
     import torch
 
+    from stages.environments.demonstrators import demonstrator_digest
     from stages.environments.making import code_digest
     from stages.environments.scene import as_filmed, first_scene, image_scene
     from stages.reporting.plots import plot_quality
@@ -79,6 +82,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     tags = name_tags(config, usual, run, source.manifest.seed, source.config.get("preset", run.preset))
     out = run.out or default_path(source.path.parent, f"{stem_of(source.path)}-{where}{tags}", "translation")
     recipe = _image_digest(config) | code_digest(config.env, config.success)
+    recipe |= demonstrator_digest(config.demonstrator) if config.demonstrator else {}
     output = Output.of(out, "translation", "translate", config, run, [source], recipe)
     if kept := output.kept():
         return kept
@@ -107,12 +111,12 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
         for start in range(0, len(frames), CHUNK):
             videos = to_images(torch.from_numpy(frames[start : start + CHUNK]).to(device))
             z1 = model.encode(videos.flatten(0, 1))
-            z3 = model.translate(z1, context)
+            z3 = z1 if config.untranslated else model.translate(z1, context)
             feature_motion.append(motion(z1.unflatten(0, videos.shape[:2])).cpu())
             image_motion.append(motion(videos).cpu())
-            decoded = model.decode(z3, context)
+            decoded = videos if config.untranslated else model.decode(z3, context).unflatten(0, videos.shape[:2])
             features.append(z3.unflatten(0, videos.shape[:2]).cpu())
-            images.append(decoded.unflatten(0, videos.shape[:2]).cpu())
+            images.append(decoded.cpu())
             bar.update(min(start + CHUNK, len(frames)))
     all_features, all_images = torch.cat(features), torch.cat(images)
     if align == "dtw":
@@ -133,17 +137,21 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     metrics: dict[str, float] = {}
     if contexts is not None:
         arrays |= {f"contexts/{name}": values for name, values in contexts.items()}
-    truth, plot = None, sibling(out, ".png")
+    truth, quality, plot = None, None, sibling(out, ".png")
     if contexts is not None and expert is not None:
         truth, quality = _judge(contexts, expert, model, arrays, run, device)
-        truth_arrays = _truth(model, truth, device, arrays, metrics)
-        arrays |= truth_arrays | {f"quality/{name}": values for name, values in quality.curves.items()}
-        metrics |= quality.metrics
+    elif spec is not None and config.demonstrator:
+        truth = _shown_once(spec, config.demonstrator, run)
+    if truth is not None:
+        arrays |= _truth(model, truth, device, arrays, metrics)
         run.progress.say(
             f"mean translation against the expert's video in this context: {metrics['psnr']:.2f} dB PSNR (copying the "
             f"context: {metrics['copy_psnr']:.2f}); pixel error {metrics['image_ratio']:.2f} relative to copying the "
             f"context, feature error {metrics['feature_ratio']:.2f} relative to feature motion (below 1 is better)"
         )
+    if quality is not None:
+        arrays |= {f"quality/{name}": values for name, values in quality.curves.items()}
+        metrics |= quality.metrics
         run.progress.say(
             "Kendall's tau of reward and true progress: "
             + ", ".join(f"{shown_tau(metrics[f'tau_{kind}'])} ({kind})" for kind in ("expert", "noisy", "random"))
@@ -170,7 +178,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     if truth is not None:
         rows, labels = [[*row, truth] for row in rows], [*labels, "expert here"]
     write_mp4(sibling(out, ".mp4"), tile_videos(rows, labels=labels), fps=10)
-    pictures = {"video": str(sibling(out, ".mp4")), **({"plot": str(plot)} if truth is not None else {})}
+    pictures = {"video": str(sibling(out, ".mp4")), **({"plot": str(plot)} if quality is not None else {})}
     return output.write(
         arrays | {f"metrics/{name}": np.asarray(value) for name, value in metrics.items()},
         config=described,
@@ -274,6 +282,18 @@ def _judge(
             expert.noise,
         )
         return expert.video(contexts, pool)[0], quality
+
+
+def _shown_once(spec: EnvironmentSpec, demonstrator: str, run: RunOptions) -> np.ndarray:
+    """The demonstrator's video (T, H, W, 3) in the learner's own context; prints whether it failed there."""
+    from stages.environments.filming import Context, Studio
+    from stages.environments.viewpoints import Viewpoint
+
+    with closing(Studio(spec, demonstrator)) as studio:
+        filmed = studio.film(Context(spec.seed, spec.viewpoint or Viewpoint()))
+    if filmed.success is False:
+        run.progress.say(f"the demonstrator {demonstrator} fails in this context: its video is no perfect translation")
+    return filmed.frames
 
 
 def _truth(

@@ -17,7 +17,7 @@ TRAINS = Not("steps", 0)
 RECONSTRUCTS = (TRAINS, Not("without", "rec"))
 IN_SIMULATION = (Not("context_image"), Not("env"))
 # Options that have an effect only where the learner's context is a Gymnasium environment.
-OF_ENVIRONMENTS = ("env_kwargs", "env_seed", "viewpoint", "success", "episode_steps")
+OF_ENVIRONMENTS = ("env_kwargs", "env_seed", "viewpoint", "success", "episode_steps", "demonstrator")
 
 
 @dataclass(frozen=True)
@@ -188,6 +188,19 @@ class TranslateConfig(Config):
         high=1_000_000,
         off=0,
         tag="steps",
+    )
+    demonstrator: str = option(
+        "",
+        "Demonstrator, as for collect-demos, that shows the task once in the learner's own context. Its video judges "
+        "the translation, and is what learn-policy --reward video tracks; both are only for comparison.",
+        off="",
+        metavar="NAME",
+    )
+    untranslated: bool = option(
+        False,
+        "Track the demonstrations as they are, from their own viewpoints, without translating them: a baseline. With "
+        "-n 1, the target is a single video.",
+        off=False,
     )
     crop: str = option(
         "",

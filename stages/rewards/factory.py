@@ -121,9 +121,12 @@ def _translation(config: PolicyConfig, source: Artifact, timing: Timing, ramp: s
     from stages.translation.networks import load_translator
 
     if config.reward == "video" and "expert_frames" not in source:
+        remedy = "while the expert's file is available"
+        if source.config.get("environment"):
+            remedy = "with --demonstrator NAME"
         raise ArtifactError(
             f"{source.path} contains no video of the expert in this context, which --reward video needs; "
-            "run `ifo translate` again while the expert's file is available"
+            f"run `ifo translate` again {remedy}"
         )
     expert = config.reward == "video"
     target = TrackingTarget.of(source, config.blur, device, expert)

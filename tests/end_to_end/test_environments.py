@@ -1,5 +1,6 @@
 """The five commands in a Gymnasium environment that ifo does not know."""
 
+import dataclasses
 import json
 import os
 import subprocess
@@ -188,7 +189,6 @@ def test_what_an_environment_does_not_have_is_refused(made, ifo, words, expected
     [
         (("--env-kwargs", "still=true"), "frames do not change during episodes"),
         (("--episode-steps", 3), "episodes of 3 steps are too short for videos of 6 frames: give --episode-steps 5"),
-        (("--env-kwargs", "limit=0"), "sets no limit to its episodes: give --episode-steps"),
         (("--env-kwargs", "width=64"), "another aspect ratio than frames of 16x16: crop them with --crop"),
         (("--crop", "0,0,40,40"), "--crop 0,0,40,40 extends beyond its image of 32x32"),
         (("--env-kwargs", "limit"), "--env-kwargs limit: expected KEY=VALUE"),
@@ -203,9 +203,18 @@ def test_what_is_wrong_with_a_scene_is_said_before_learning(made, ifo, words, ex
     assert out.exists() == (done.returncode == 0)
 
 
-def test_a_scene_that_changed_since_is_noticed_before_learning(made, ifo, tmp_path):
-    from artifacts import write_artifact
+def test_an_environment_without_a_limit_needs_one():
+    from stages.config.stages import TranslateConfig
+    from stages.environments.scene import first_scene
 
+    config = TranslateConfig(env=SLIDE, env_kwargs=("limit=0",))
+    with pytest.raises(UsageError, match="sets no limit to its episodes: give --episode-steps"):
+        first_scene(config, 6, (16, 16))
+    spec, _ = first_scene(dataclasses.replace(config, episode_steps=12), 6, (16, 16))
+    assert spec.control_steps == 12
+
+
+def test_a_scene_that_changed_since_is_noticed_before_learning(made, ifo, tmp_path):
     source = read_artifact(made[0] / "s.translation.h5", "translation")
     arrays = {name: source[name] for name in source.names()}
     arrays["context_frame"] = 255 - arrays["context_frame"]
@@ -332,6 +341,36 @@ def test_a_demonstrator_whose_module_does_not_exist_is_told_in_one_line(ifo, tmp
     done = ifo(tmp_path, "collect-demos", f"env:{SLIDE}", "--demonstrator", "no.such:one", *FILM)
     assert done.returncode == 2 and "ifo: demonstrator no.such:one: cannot be loaded" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_the_demonstrators_own_video_judges_and_is_a_target(made, ifo):
+    words = ("translate", "s.translator.h5", "--env-seed", 7)
+    done = ifo(made[0], *words, "--demonstrator", RIGHT, "--out", "v.translation.h5")
+    assert done.returncode == 0 and "mean translation against the expert's video" in done.stderr, done.stderr
+    translation = read_artifact(made[0] / "v.translation.h5", "translation")
+    assert np.array_equal(translation["expert_frames"][0], translation["context_frame"]), "in the learner's context"
+    assert translation["expert_frames"].shape == (6, 16, 16, 3)
+    assert {"psnr", "feature_ratio"} <= set(translation.group("metrics"))
+    done = ifo(made[0], "learn-policy", "v.translation.h5", *LEARN, "--reward", "video", "--out", "v.policy.h5")
+    assert done.returncode == 0, done.stderr
+    done = ifo(made[0], *words, "--demonstrator", f"{HERE}:go_left", "--out", "w.translation.h5")
+    assert "go_left fails in this context" in done.stderr
+    done = ifo(made[0], "learn-policy", "s.translation.h5", *LEARN, "--reward", "video", "--out", "w.policy.h5")
+    assert done.returncode == 3 and "translate` again with --demonstrator NAME" in done.stderr
+
+
+def test_an_untranslated_demonstration_is_a_target_as_it_is(made, ifo):
+    out = "u.translation.h5"
+    done = ifo(made[0], "translate", "s.translator.h5", "--env-seed", 7, "-n", 1, "--untranslated", "--out", out)
+    assert done.returncode == 0, done.stderr
+    translation = read_artifact(made[0] / out, "translation")
+    [chosen] = translation["demonstrations"]
+    demonstration = read_artifact(made[0] / "s.demos.h5")["frames"][chosen]
+    np.testing.assert_allclose(translation["target_images"], demonstration, atol=0.01)
+    done = ifo(made[0], "learn-policy", out, *LEARN, "--out", "u.policy.h5")
+    assert done.returncode == 0, done.stderr
+    done = ifo(made[0], "evaluate", "u.policy.h5", "--episodes", 2, "--out", "u.evaluation.h5")
+    assert read_artifact(made[0] / "u.evaluation.h5").config["runs"][0]["method"] == "untranslated"
 
 
 def test_the_demonstrations_environment_by_name_is_filmed_as_they_were(made, ifo, monkeypatch):

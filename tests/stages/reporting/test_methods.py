@@ -31,6 +31,8 @@ RUNS = [
         "translation-demonstrations-unknown",
     ),
     ({"reward": "translation", "translator": {"steps": 0, "without": []}}, "random", "random"),
+    ({"reward": "translation", "translator": TRAINED, "untranslated": True}, "untranslated", "untranslated"),
+    ({"reward": "video", "translator": TRAINED, "untranslated": True}, "video", "video"),
     ({"reward": "video", "translator": {"steps": 0}}, "video, untrained", "video-untrained"),
     ({"reward": "video", "without": ["img"], "translator": TRAINED}, "video without img", "video-without-img"),
     (
