@@ -114,7 +114,7 @@ for iteration in range(iterations):
             observations, taken, old, gained, target = (part[chosen] for part in flat)
             policy = agent.policy(observations)
             ratio = (policy.log_prob(taken).sum(1) - old).exp()
-            gained = (gained - gained.mean()) / (gained.std() + 1e-8)
+            gained = (gained - gained.mean()) / (gained.std(correction=0) + 1e-8)
             surrogate = torch.min(ratio * gained, ratio.clamp(1 - args.clip, 1 + args.clip) * gained).mean()
             loss = 0.5 * (agent.value(observations) - target).square().mean() - surrogate
             optimizer.zero_grad()

@@ -50,6 +50,7 @@ def report(inputs: Sequence[Path], out: Path, title: str, command: str, progress
         UsageError: A file that would be replaced was not written by `ifo report`. Nothing is written.
     """
     _check_replaceable(out)
+    beside = _environments_csv(out)
     evaluations = [read_artifact(path, "evaluation") for path in find_evaluations(inputs)]
     read = [run for artifact in evaluations if not of_environment(artifact) for run in read_runs(artifact)]
     foreign = [run for artifact in evaluations if of_environment(artifact) for run in read_environment_runs(artifact)]
@@ -58,6 +59,8 @@ def report(inputs: Sequence[Path], out: Path, title: str, command: str, progress
     duplicates += more
     for line in _repeated(duplicates):
         progress.say(line)
+    if environment_runs and os.path.lexists(beside) and not _is_ours(beside):
+        raise UsageError(f"--out {out} would replace {beside}, which `ifo report` did not write: choose another name")
     summaries, environments = summarise(runs), summarise_environments(environment_runs)
     # In the order of the tables.
     runs = [run for item in summaries for run in item.runs]
@@ -90,7 +93,9 @@ def report(inputs: Sequence[Path], out: Path, title: str, command: str, progress
     write_bytes(out.with_suffix(".md"), _encoded(text))
     write_bytes(out.with_suffix(".csv"), _encoded(as_csv(runs)))
     if environment_runs:
-        write_bytes(_environments_csv(out), _encoded(environments_as_csv(environment_runs)))
+        write_bytes(beside, _encoded(environments_as_csv(environment_runs)))
+    elif _is_ours(beside):
+        beside.unlink()  # Of an earlier report, whose environments are not on this page.
     for name, png in plots.items():
         write_bytes(files[name], png)
     write_bytes(out, _encoded(whole))
@@ -120,7 +125,7 @@ def find_evaluations(inputs: Sequence[Path]) -> list[Path]:
 
 def _check_replaceable(out: Path) -> None:
     """Refuse to replace files that are not a report's, for example README.md with --out README.html."""
-    beside = [out.with_suffix(".md"), out.with_suffix(".csv"), _environments_csv(out)]
+    beside = [out.with_suffix(".md"), out.with_suffix(".csv")]
     if os.path.isfile(beside[0]):
         try:
             with open(beside[0], "rb") as file:
@@ -135,6 +140,16 @@ def _check_replaceable(out: Path) -> None:
 
 def _environments_csv(out: Path) -> Path:
     return out.with_name(f"{out.stem}-environments.csv")
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether there is a CSV of runs in environments at `path`."""
+    head = environments_as_csv([]).encode()
+    try:
+        with open(path, "rb") as file:
+            return file.read(len(head)) == head
+    except OSError:
+        return False
 
 
 def _repeated(duplicates: Sequence[Duplicate]) -> list[str]:

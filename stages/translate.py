@@ -49,7 +49,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     """
     import torch
 
-    from stages.environments.demonstrators import demonstrator_digest
+    from stages.environments.demonstrators import demonstrator_digest, load_demonstrator
     from stages.environments.making import code_digest
     from stages.environments.scene import as_filmed, first_scene, image_scene
     from stages.reporting.plots import plot_quality
@@ -89,7 +89,10 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     contexts, expert, spec = None, None, None
     if config.env:
         spec, frame = first_scene(config, demos.describe()["frames"][0][1], (size[0], size[1]))
-        run.progress.say(f"context: {spec.name}, seed {spec.seed}, episodes of {spec.control_steps} steps")
+        seen = "" if spec.viewpoint is None else f", viewpoint {','.join(f'{value:g}' for value in spec.viewpoint)}"
+        run.progress.say(f"context: {spec.name}, seed {spec.seed}, episodes of {spec.control_steps} steps{seen}")
+        if config.demonstrator:
+            load_demonstrator(config.demonstrator)  # What is wrong with it is told before the work.
         if note := permission_needed(spec.name, spec.kwargs, spec.success):
             run.progress.say(note)
     elif config.context_image:
@@ -142,10 +145,11 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
         truth, quality = _judge(contexts, expert, model, arrays, run, device)
     elif spec is not None and config.demonstrator:
         truth = _shown_once(spec, config.demonstrator, run)
+    target = "untranslated target" if config.untranslated else "mean translation"
     if truth is not None:
         arrays |= _truth(model, truth, device, arrays, metrics)
         run.progress.say(
-            f"mean translation against the expert's video in this context: {metrics['psnr']:.2f} dB PSNR (copying the "
+            f"{target} against the expert's video in this context: {metrics['psnr']:.2f} dB PSNR (copying the "
             f"context: {metrics['copy_psnr']:.2f}); pixel error {metrics['image_ratio']:.2f} relative to copying the "
             f"context, feature error {metrics['feature_ratio']:.2f} relative to feature motion (below 1 is better)"
         )
@@ -174,7 +178,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     mean = np.clip(arrays["target_images"], 0, 255).round().astype(np.uint8)
     rows = [[frames[k], frame, arrays["images"][k]] for k in range(min(SHOWN, len(frames)))]
     rows.append([np.zeros_like(frames[0]), frame, mean])
-    labels = ["source", "context", "translation"]
+    labels = ["source", "context", "target" if config.untranslated else "translation"]
     if truth is not None:
         rows, labels = [[*row, truth] for row in rows], [*labels, "expert here"]
     write_mp4(sibling(out, ".mp4"), tile_videos(rows, labels=labels), fps=10)
@@ -292,7 +296,7 @@ def _shown_once(spec: EnvironmentSpec, demonstrator: str, run: RunOptions) -> np
     with closing(Studio(spec, demonstrator)) as studio:
         filmed = studio.film(Context(spec.seed, spec.viewpoint or Viewpoint()))
     if filmed.success is False:
-        run.progress.say(f"the demonstrator {demonstrator} fails in this context: its video is no perfect translation")
+        run.progress.say(f"the demonstrator {demonstrator} fails in this context: its video is not a valid reference")
     return filmed.frames
 
 

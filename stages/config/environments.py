@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from artifacts.errors import UsageError
@@ -72,13 +72,8 @@ def check_success(name: str) -> None:
         raise UsageError(f"--success {name}: expected MODULE:ATTR, a function of the last observation and info")
 
 
-def refuse_unless_trusted(name: str, kwargs: Mapping[str, Any], typed: Collection[str] = ()) -> None:
+def refuse_unless_trusted(name: str, kwargs: Mapping[str, Any]) -> None:
     """Refuse an environment of a file that would import code or open other files, unless the user permits it.
-
-    Args:
-        name: Name of the environment, or of a function.
-        kwargs: Its keyword arguments.
-        typed: Names that the user typed, whose code needs no other permission.
 
     Raises:
         UsageError: The name has a module, or an argument may be a path, and the user has not permitted it.
@@ -86,7 +81,7 @@ def refuse_unless_trusted(name: str, kwargs: Mapping[str, Any], typed: Collectio
     listed = {word.strip() for word in os.environ.get(TRUSTED, "").split(",")}
     if name in listed:
         return
-    if ":" in name and name not in typed:
+    if ":" in name:
         raise UsageError(
             f"the file names {name!r}, whose code is imported only with your permission: if you trust it, export "
             f"{TRUSTED}={','.join(sorted({*filter(None, listed), name}))}"

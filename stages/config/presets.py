@@ -81,7 +81,10 @@ VARIANTS: TaskDefaults = {
         "learn-policy": {"gps": {**_GPS, "iterations": 3, "episodes": 5}},
         "train-translator": {"real": _REAL},
     },
-    "quick": {"learn-policy": {"gps": _GPS_FULL}, "train-translator": {"real": _REAL | {"videos": 16, "groups": 1}}},
+    "quick": {
+        "learn-policy": {"gps": _GPS_FULL},
+        "train-translator": {"real": _REAL | {"videos": 16, "groups": 1}},
+    },
     "paper": {
         "learn-policy": {"gps": _GPS_FULL},
         "train-translator": {"real": _REAL | {"steps": 63_000}},

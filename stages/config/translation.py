@@ -35,13 +35,16 @@ class TranslatorConfig(Config):
     )
     steps: int = option(5000, "Number of optimizer steps (0: keep random weights).", low=0)
     videos: int = option(
-        16, "Videos per step; each is the source of one pair and the target of another.", low=2, effect=(TRAINS,)
+        16,
+        "Videos per group and step; each is the source of one pair and the target of another.",
+        low=2,
+        effect=(TRAINS,),
     )
     frames: int = option(4, "Frames per video and step, at the same times in all videos.", low=1, effect=(TRAINS,))
     pairings: int = option(1, "Random pairings of the videos per step.", low=1, effect=(TRAINS,))
     groups: int = option(
         1,
-        "Groups of --videos videos per step. Pairs are formed within a group; several processes share the groups.",
+        "Groups of --videos videos per step. Pairs are formed within a group; threads and processes share the groups.",
         low=1,
     )
     rec_frames: int = option(
@@ -175,7 +178,8 @@ class TranslateConfig(Config):
     viewpoint: str = option(
         "",
         "Viewpoint relative to the environment's own camera, AZIMUTH,ELEVATION,DISTANCE in degrees, degrees and as a "
-        "factor; only if MuJoCo is underneath.",
+        "factor; only if MuJoCo is underneath (default: the middle of the demonstrations' viewpoints if they are of "
+        "this environment, else its own camera).",
         off="",
         metavar="A,E,D",
         tag="view",
@@ -183,7 +187,8 @@ class TranslateConfig(Config):
     success: str = option("", SUCCESS_HELP, off="", metavar="NAME")
     episode_steps: int = option(
         0,
-        "Steps per episode, over which the target's frames are spread evenly (0: the environment's own limit).",
+        "Steps per episode, over which the target's frames are spread evenly (0: as in demonstrations of this "
+        "environment, else the environment's own limit).",
         low=0,
         high=1_000_000,
         off=0,
@@ -201,11 +206,12 @@ class TranslateConfig(Config):
         "Track the demonstrations as they are, from their own viewpoints, without translating them: a baseline. With "
         "-n 1, the target is a single video.",
         off=False,
+        tag="untranslated",
     )
     crop: str = option(
         "",
         "Part of the image of --context-image or --env that is reduced to the size of the demonstrations' frames, "
-        "X,Y,W,H in pixels (default: all of it).",
+        "X,Y,W,H in pixels (default: as in demonstrations of this environment, else all of it).",
         metavar="X,Y,W,H",
     )
 

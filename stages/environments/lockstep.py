@@ -11,6 +11,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from artifacts import UsageError
 from stages.environments.making import EnvironmentFault, fault, frame_of, make_environment, rendered
 from stages.environments.spec import EnvironmentSpec
 from stages.environments.success import Success
@@ -116,13 +117,30 @@ class Lockstep(gymnasium.Wrapper):
 
 
 class Strict(Lockstep):
-    """`Lockstep` for use outside of ifo's own processes: it renders frames, and raises what the environment raises."""
+    """`Lockstep` for use outside of ifo's own processes.
+
+    It renders frames, raises what fails in the environment's code as `EnvironmentFault`, and reports the end of an
+    episode as `terminated`: the time is observed, and nothing is to be gained after it.
+    """
 
     _cause: BaseException | None = None
 
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        self._fault, self._cause = "", None
+        return super().reset(seed=seed, options=options)
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        if self._step >= self._spec.control_steps:
+            raise UsageError(f"environment {self._spec.name}: the episode has ended: call reset first")
+        observation, reward, _, last, info = super().step(action)
+        return observation, reward, last, False, info
+
     def render(self) -> Any:
         """The frame (H, W, 3), uint8, that the environment shows now."""
-        return self._shown()
+        try:
+            return self._shown()
+        except (Exception, SystemExit) as error:
+            raise EnvironmentFault(fault(self._spec, self.env, "render", error)) from error
 
     def _fail(self, where: str, error: BaseException) -> None:
         super()._fail(where, error)

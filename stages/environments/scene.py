@@ -11,7 +11,7 @@ import numpy as np
 
 from artifacts import Artifact, UsageError, read_png
 from stages.config.demonstrations import Crop, parse_crop, parse_size
-from stages.config.environments import parse_kwargs, parse_viewpoint
+from stages.config.environments import parse_kwargs, parse_viewpoint, refuse_unless_trusted
 from stages.config.fields import flag
 from stages.config.stages import DemosConfig, TranslateConfig
 from stages.config.translation import OF_ENVIRONMENTS
@@ -104,15 +104,16 @@ def _refuse_stretched(spec: EnvironmentSpec, env: gymnasium.Env) -> None:
 def as_filmed(config: TranslateConfig, demos: Artifact, given: Collection[str]) -> TranslateConfig:
     """The configuration with the environment in which demonstrations were filmed, if no other place was chosen.
 
-    Where `--env` names that environment, what is left out is taken from it as well.
+    If `--env` names that environment, what decides how it is filmed and was left out is taken from the demonstrations:
+    viewpoint, crop and steps per episode; but not arguments and functions, which are the user's.
 
     Raises:
         UsageError: Making that environment needs the user's permission, or an option in `given` has no effect there.
     """
-    recorded = demos.config.get("environment")
-    if config.env and (recorded is None or recorded["name"] != config.env):
+    recorded = EnvironmentSpec.recorded(demos)
+    if config.env and (recorded is None or recorded.name != config.env):
         return config
-    if config.context_image or not recorded:
+    if config.context_image or recorded is None:
         for name in (*OF_ENVIRONMENTS, *(() if config.context_image else ("crop",))):
             if name in given:
                 raise UsageError(f"{flag(name)} has no effect without --env: give --env as well, or leave it out")
@@ -120,19 +121,27 @@ def as_filmed(config: TranslateConfig, demos: Artifact, given: Collection[str]) 
     for name in ("context_seed", "contexts", "vary"):
         if name in given:
             raise UsageError(
-                f"{flag(name)} has no effect on demonstrations of environment {demos.config['environment']['name']}: "
+                f"{flag(name)} has no effect on demonstrations of environment {recorded.name}: "
                 "use --env-seed and --viewpoint"
             )
-    spec = EnvironmentSpec.of(demos, {config.env, config.success})
-    assert spec is not None
-    return replace(
+    viewpoint, crop = recorded.viewpoint, recorded.crop
+    filmed = replace(
         config,
-        env=spec.name,
-        env_kwargs=config.env_kwargs or tuple(f"{key}={json.dumps(value)}" for key, value in spec.kwargs.items()),
-        episode_steps=config.episode_steps or spec.control_steps,
-        viewpoint=config.viewpoint or ("" if spec.viewpoint is None else ",".join(map(str, spec.viewpoint))),
-        success=config.success or spec.success,
-        crop=config.crop or ("" if spec.crop is None else ",".join(map(str, spec.crop))),
+        episode_steps=config.episode_steps or recorded.control_steps,
+        viewpoint=config.viewpoint or ("" if viewpoint is None else ",".join(f"{value:g}" for value in viewpoint)),
+        crop=config.crop or ("" if crop is None else ",".join(map(str, crop))),
+    )
+    if config.env:
+        return filmed
+    arguments = tuple(f"{key}={json.dumps(value)}" for key, value in recorded.kwargs.items())
+    refuse_unless_trusted(recorded.name, {} if config.env_kwargs else recorded.kwargs)
+    if recorded.success and not config.success:
+        refuse_unless_trusted(recorded.success, {})
+    return replace(
+        filmed,
+        env=recorded.name,
+        env_kwargs=config.env_kwargs or arguments,
+        success=config.success or recorded.success,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -60,16 +60,26 @@ class EnvironmentSpec:
         }
 
     @classmethod
-    def of(cls, artifact: Artifact, typed: Collection[str] = ()) -> EnvironmentSpec | None:
+    def of(cls, artifact: Artifact) -> EnvironmentSpec | None:
         """The environment that an artifact records; None: it is of a simulated task, or has only an image.
-
-        Args:
-            artifact: The artifact.
-            typed: Names of environments and functions that the user typed, whose code needs no other permission.
 
         Raises:
             ArtifactError: The record contradicts itself.
             UsageError: The environment is code that may not be imported.
+        """
+        spec = cls.recorded(artifact)
+        if spec is not None:
+            refuse_unless_trusted(spec.name, spec.kwargs)
+            if spec.success:
+                refuse_unless_trusted(spec.success, {})
+        return spec
+
+    @classmethod
+    def recorded(cls, artifact: Artifact) -> EnvironmentSpec | None:
+        """The same, of which no code may be imported before the user permits it.
+
+        Raises:
+            ArtifactError: The record contradicts itself.
         """
         recorded = artifact.config.get("environment")
         if recorded is None:
@@ -91,7 +101,4 @@ class EnvironmentSpec:
                 f"{artifact.path}: its configuration has {spec.frames} frames in {spec.control_steps} steps: make it "
                 "again"
             )
-        refuse_unless_trusted(spec.name, spec.kwargs, typed)
-        if spec.success:
-            refuse_unless_trusted(spec.success, {}, typed)
         return spec

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -32,6 +33,14 @@ COLUMNS = (
 
 
 @dataclass(frozen=True)
+class Curve:
+    """A learning curve (I,) over the samples (I,) at which it was measured."""
+
+    samples_curve: np.ndarray
+    curve: np.ndarray
+
+
+@dataclass(frozen=True)
 class EnvironmentRun(PolicyRun):
     """A policy in a Gymnasium environment.
 
@@ -39,23 +48,26 @@ class EnvironmentRun(PolicyRun):
         success, success_deterministic: Success rates of the stochastic and the deterministic policy's episodes; None:
             the environment does not report success.
         env_return, env_return_deterministic: Mean returns of the environment's own reward.
-        success_curve, return_curve: Learning curves (I,); empty if the evaluation has none.
+        success_curve, return_curve: Learning curves, of which each has its own `samples_curve` (I,); empty if the
+            evaluation has none.
     """
 
     success: float | None
     success_deterministic: float | None
     env_return: float
     env_return_deterministic: float
-    success_curve: np.ndarray
-    return_curve: np.ndarray
-
-    @property
-    def curve(self) -> np.ndarray:
-        return self.return_curve if self.success is None else self.success_curve
+    success_curve: Curve
+    return_curve: Curve
 
     @property
     def seed_of_context(self) -> int:
         return int(self.recorded["environment"]["seed"])
+
+    @property
+    def identity(self) -> tuple[Any, ...]:
+        # The learner's context is a seed and a viewpoint.
+        place = json.dumps(self.recorded["environment"], sort_keys=True)
+        return self.task, self.method, place, self.recorded["seed"]
 
     @property
     def verdict(self) -> str:
@@ -99,16 +111,6 @@ class EnvironmentSummary:
         """The method, and the number of its runs."""
         return f"{self.method} ({len(self.runs)})"
 
-    @property
-    def curve_label(self) -> str:
-        """What the learning curves show."""
-        return "return of the environment's own reward" if self.success is None else "success rate"
-
-    @property
-    def threshold(self) -> float | None:
-        """Value of the learning curve below which a run succeeds; None: there is none."""
-        return None
-
 
 def read_environment_runs(artifact: Artifact) -> list[EnvironmentRun]:
     """The runs of an evaluation in a Gymnasium environment.
@@ -128,8 +130,7 @@ def read_environment_runs(artifact: Artifact) -> list[EnvironmentRun]:
 
     runs = []
     for k, recorded in enumerate(described):
-        samples, returns = curve_of(artifact, "env_return", k)
-        _, rates = curve_of(artifact, "success", k)
+        returns = Curve(*curve_of(artifact, "env_return", k))
         runs.append(
             EnvironmentRun(
                 evaluation=artifact,
@@ -138,12 +139,12 @@ def read_environment_runs(artifact: Artifact) -> list[EnvironmentRun]:
                 recorded=recorded,
                 task=name_of(recorded["environment"]),
                 method=method_name(recorded),
-                samples_curve=samples,
+                samples_curve=returns.samples_curve,
                 success=mean("success_stochastic", k),
                 success_deterministic=mean("success", k),
                 env_return=float(outcomes["env_return_stochastic"][k].mean()),
                 env_return_deterministic=float(outcomes["env_return"][k].mean()),
-                success_curve=rates,
+                success_curve=Curve(*curve_of(artifact, "success", k)),
                 return_curve=returns,
             )
         )
@@ -151,8 +152,10 @@ def read_environment_runs(artifact: Artifact) -> list[EnvironmentRun]:
 
 
 def name_of(environment: Mapping[str, Any]) -> str:
-    """Name of an environment and its keyword arguments, without the learner's context."""
-    return " ".join([environment["name"], *(f"{key}={value}" for key, value in environment["kwargs"].items())])
+    """What runs must share to be compared: an environment's name, arguments, steps per episode and judge of success."""
+    words = [environment["name"], *(f"{key}={value}" for key, value in environment["kwargs"].items())]
+    judge = f", success {environment['success']}" if environment.get("success") else ""
+    return f"{' '.join(words)} ({environment['control_steps']} steps{judge})"
 
 
 def summarise_environments(runs: Sequence[EnvironmentRun]) -> list[EnvironmentSummary]:

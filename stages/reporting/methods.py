@@ -30,17 +30,17 @@ def describe_method(policy: Artifact) -> tuple[dict[str, Any], str]:
 
     Returns:
         JSON-ready values: options of learn-policy by name; `translator`, options of the translator behind the policy's
-        translation, with the `minutes` that its training took, None if not known; `untranslated`, whether the target
-        is a demonstration as it is, None if not known; `own_context`, whether the demonstrations were recorded in one
-        learner's context, None if not known; `method`, a name of all this.
-        And why something is not known, in one line; empty if all is known.
+        translation, with the `minutes` that its training took, None if not known; `untranslated`, of how many
+        untranslated demonstrations the target is the mean, 0 if it is translated, None if not known; `own_context`,
+        whether the demonstrations were recorded in one learner's context, None if not known; `method`, a name of all
+        this. And why something is not known, in one line; empty if all is known.
     """
     described: dict[str, Any] = {name: policy.config.get(name) for name in LEARNING}
     described |= {"translator": None, "own_context": None, "untranslated": None}
     problem = ""
     try:
         translation = policy.parent("translation", check=True)
-        described["untranslated"] = bool(translation.config.get("untranslated"))
+        described["untranslated"] = translation.config["n"] if translation.config.get("untranslated") else 0
         translator = translation.parent("translator", check=True)
         described["translator"] = {
             **{name: translator.config.get(name) for name in TRANSLATOR},

@@ -16,10 +16,10 @@ def method_name(run: Mapping[str, Any]) -> str:
     """Name the method of a learning run: its reward, then what departs from the default.
 
     Examples: `translation`; `random` (the translator was not trained); `translation without trans` (losses of the
-    translator, then terms of the reward, that were switched off); `untranslated` (the target is a demonstration as it
-    is); `translation, aligned`; `translation, negatives`; `gail, own context` (the demonstrations were recorded in the
-    learner's context). Where the translator or the demonstrations are not known, the name says so: `translation
-    (translator unknown)`.
+    translator, then terms of the reward, that were switched off); `untranslated` (the target is an untranslated
+    demonstration); `translation, aligned`; `translation, negatives`; `gail, own context` (the demonstrations were
+    recorded in the learner's context). Where the translator or the demonstrations are not known, the name says so:
+    `translation (translator unknown)`.
 
     Args:
         run: What is recorded of it, as `describe_method` returns it.
@@ -64,7 +64,7 @@ def own_context(run: Mapping[str, Any]) -> bool | None:
 def _tracking_name(run: Mapping[str, Any]) -> str:
     reward, translator = str(run["reward"]), run.get("translator") or {}
     if reward == "translation" and run.get("untranslated"):
-        reward = UNTRANSLATED
+        reward = UNTRANSLATED + (f" mean of {run['untranslated']}" if run["untranslated"] > 1 else "")
     if translator.get("steps") == 0:
         return UNTRAINED.get(reward, f"{reward}, untrained")
     off = [*(translator.get("without") or ()), *(run.get("without") or ())]

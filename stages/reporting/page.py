@@ -45,9 +45,9 @@ CRITERIA = {  # how to read a section's table
         "success rate, bootstrap over runs for the distance. Samples and minutes are means over runs."
     ),
     "environments": (
-        "Gymnasium environments report success themselves, or by the function that --success names. Success rates and "
-        "returns of the environment's own reward are means over the episodes of the stochastic policies, then over "
-        "runs; brackets are 95% bootstrap intervals over runs."
+        "Success is reported by the environment, or by the function given with --success. Success rates and returns of "
+        "the environment's own reward are means over the episodes of the stochastic policies, then over runs; brackets "
+        "are 95% bootstrap intervals over runs."
     ),
 }
 

@@ -6,13 +6,14 @@ import io
 import math
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from artifacts import Artifact, stem_of
-from stages.reporting.environment_runs import EnvironmentSummary
-from stages.reporting.rows import PolicyRun
+from stages.reporting.environment_runs import Curve, EnvironmentSummary
+from stages.reporting.rows import Run
 from stages.reporting.summary import Summary
 from stages.runtime.terminal import one_line
 
@@ -42,9 +43,33 @@ def draw_environments(summaries: Sequence[EnvironmentSummary]) -> dict[str, byte
     plots = {}
     if known := [item for item in summaries if item.success is not None]:
         plots["environments"] = _bars(known, colours)
-    if any(run.samples_curve.size for item in summaries for run in item.runs):
-        plots["environment-curves"] = _curves(summaries, colours)
+    shown = [curves for task in dict.fromkeys(item.task for item in summaries) for curves in _learned(summaries, task)]
+    if shown:
+        plots["environment-curves"] = _curves(shown, colours)
     return plots
+
+
+@dataclass(frozen=True)
+class _Learned:
+    """The learning curves of one environment and method, as `_curves` draws them."""
+
+    task: str
+    method: str
+    runs: tuple[Curve, ...]
+    curve_label: str
+    threshold: None = None
+
+
+def _learned(summaries: Sequence[EnvironmentSummary], task: str) -> list[_Learned]:
+    """Success rates, if all runs in an environment have them, or else returns; no curves if none has any."""
+    group = [item for item in summaries if item.task == task]
+    rated = all(run.success_curve.curve.size for item in group for run in item.runs)
+    label = "success rate" if rated else "return of the environment's own reward"
+    found = [
+        _Learned(task, item.method, tuple(run.success_curve if rated else run.return_curve for run in item.runs), label)
+        for item in group
+    ]
+    return [item for item in found if any(curve.curve.size for curve in item.runs)]
 
 
 def ablated(summaries: Sequence[Summary]) -> list[Summary]:
@@ -54,7 +79,7 @@ def ablated(summaries: Sequence[Summary]) -> list[Summary]:
     return [item for item in found if tasks.count(item.task) > 1]
 
 
-def mean_curve(runs: Sequence[PolicyRun]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def mean_curve(runs: Sequence[Run | Curve]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean of learning curves, and its standard error.
 
     A run that ended early keeps its last value, so that the mean does not jump there.
@@ -107,7 +132,7 @@ def _bars(summaries: Sequence[Summary | EnvironmentSummary], colours: dict[str, 
     return _png(figure)
 
 
-def _curves(summaries: Sequence[Summary | EnvironmentSummary], colours: dict[str, Any]) -> bytes:
+def _curves(summaries: Sequence[Summary | _Learned], colours: dict[str, Any]) -> bytes:
     """Learning curves, one panel per task: mean over runs, standard error as a band."""
     pyplot = _pyplot()
     known = [item for item in summaries if any(run.samples_curve.size for run in item.runs)]

@@ -45,6 +45,7 @@ class _Environment(_Record):
     kwargs: dict[str, Any]
     seed: int
     control_steps: int
+    success: str = ""
 
 
 class _EnvironmentRun(_Run):

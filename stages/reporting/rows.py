@@ -69,11 +69,6 @@ class PolicyRun(ABC):
 
     @property
     @abstractmethod
-    def curve(self) -> np.ndarray:
-        """The learning curve (I,)."""
-
-    @property
-    @abstractmethod
     def verdict(self) -> str:
         """How the run ended, in a few words."""
 

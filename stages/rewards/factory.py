@@ -123,7 +123,7 @@ def _translation(config: PolicyConfig, source: Artifact, timing: Timing, ramp: s
     if config.reward == "video" and "expert_frames" not in source:
         remedy = "while the expert's file is available"
         if source.config.get("environment"):
-            remedy = "with --demonstrator NAME"
+            remedy = "with --demonstrator NAME and another --out"
         raise ArtifactError(
             f"{source.path} contains no video of the expert in this context, which --reward video needs; "
             f"run `ifo translate` again {remedy}"

@@ -19,6 +19,7 @@ from gymnasium.utils import RecordConstructorArgs
 from artifacts import Artifact, UsageError, read_artifact
 from stages.config.presets import DEFAULT_PRESET, PRESETS, defaults
 from stages.config.stages import RAMPS, REWARD_TERMS, PolicyConfig
+from stages.environments.spec import EnvironmentSpec
 from stages.environments.timing import Timing
 from stages.rewards.frames import time_weights
 from stages.rewards.scene_checks import length_problem, problems_of_first_frame, stretch_problem
@@ -32,9 +33,9 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
 
     Frame j = 1 .. T-1 of the target is compared with the environment's frame after `j * frame_every` steps, or, if the
     translation was made for a Gymnasium environment, at the steps that it records. At all other steps, the reward is
-    zero. An episode that terminates earlier is charged at once for the rest of the target,
-    as if the environment had stood still in its last frame: ending early must not pay. `info` contains the
-    environment's original reward, `env_reward`, and both weighted terms of the reward, `reward_feat` and `reward_img`.
+    zero. An episode that terminates earlier is charged at once for the rest of the target, as if the environment had
+    stood still in its last frame: ending early must not pay. `info` contains the environment's original reward,
+    `env_reward`, and both weighted terms of the reward, `reward_feat` and `reward_img`.
 
     What the reward cannot notice is warned of, once each (`UserWarning`): a first frame that does not resemble the
     context frame, frames of one color, frames that never change during an episode, frames of another aspect ratio than
@@ -53,7 +54,7 @@ class TranslationReward(gymnasium.Wrapper, RecordConstructorArgs):
         device: str = "cpu",
         pixels: str | None = None,
     ):
-        """Track the target of a translation, whose context is either simulated or an image.
+        """Track the target of a translation, whose context is simulated, an environment or an image.
 
         Args:
             env: Environment to learn in; its frames must show the context of the translation.
@@ -284,9 +285,9 @@ def _timing(source: Artifact, frames: int, frame_every: int | None) -> Timing:
     """The steps of the frames: every `frame_every` steps; None: as in the translation's task or environment."""
     from stages.simulation.registry import make_task
 
-    recorded = source.config.get("environment")
-    if frame_every is None and recorded is not None:
-        return Timing.spread(recorded["control_steps"], frames)
+    spec = EnvironmentSpec.recorded(source) if frame_every is None else None
+    if spec is not None:
+        return Timing.spread(spec.control_steps, frames)
     if frame_every is None and not source.config.get("task"):
         raise UsageError(
             f"TranslationReward: {source.path} has no simulated task; set the number of steps between two frames with "

@@ -185,7 +185,7 @@ def name_tags(config: Any, usual: Any, run: RunOptions, seed: int, preset: str) 
         label, value = item.metadata.get("tag"), getattr(config, item.name)
         if label is None or value == getattr(usual, item.name):
             continue
-        words = value if isinstance(value, tuple) else (value,)
+        words = value if isinstance(value, tuple) else ("" if value is True else value,)
         tags.append(label + "-".join(str(word).replace(",", "-") for word in words) if words else f"no-{item.name}")
     if run.seed != seed:
         tags.append(f"s{run.seed}")

@@ -162,12 +162,13 @@ class TranslatorTraining:
             return torch.autograd.grad(total, parameters, allow_unused=True), losses
 
         assert self._pool is not None
-        parts = list(self._pool.map(differentiated, self._groups))
-        for gradients, _ in parts:
+        found = []
+        for gradients, losses in self._pool.map(differentiated, self._groups):
             for parameter, gradient in zip(parameters, gradients, strict=True):
                 if gradient is not None:
                     parameter.grad = gradient if parameter.grad is None else parameter.grad.add_(gradient)
-        return [losses for _, losses in parts]
+            found.append(losses)
+        return found
 
     def _forward(self, group: int) -> tuple[Tensor, Tensor]:
         """The weighted loss of one group as its share of the mean over groups, and its three losses (3,), detached."""

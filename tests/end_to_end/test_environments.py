@@ -117,7 +117,7 @@ def test_the_environment_of_a_file_is_the_learners(made, monkeypatch):
     for step in range(1, 11):
         observation, reward, terminated, truncated, info = tracked.step(np.array([1.0, 0.0], np.float32))
         paid.append(reward)
-        assert observation[-1] == pytest.approx(step / 10) and (terminated, truncated) == (False, step == 10)
+        assert observation[-1] == pytest.approx(step / 10) and (terminated, truncated) == (step == 10, False)
     assert [step for step, reward in enumerate(paid, 1) if reward] == [2, 4, 6, 8, 10], "where the target has frames"
     assert info["outcome"]["success"] == 1.0
     monkeypatch.setenv("IFO_ENVS", "")
@@ -136,6 +136,16 @@ def test_what_a_users_environment_raises_is_raised(made):
     with pytest.raises(EnvironmentFault, match="step failed") as caught:
         env.step(np.zeros(2, np.float32))
     assert isinstance(caught.value.__cause__, RuntimeError)
+    env.reset()  # A fault ends only its own episode.
+    spec = EnvironmentSpec(SLIDE, {"broken": "render"}, 0, 10, 6, (16, 16))
+    env = Strict(make_environment(spec), spec, range(0))
+    env.reset()
+    with pytest.raises(EnvironmentFault, match="render failed"):
+        env.render()
+    for _ in range(10):
+        env.step(np.zeros(2, np.float32))
+    with pytest.raises(UsageError, match="the episode has ended: call reset first"):
+        env.step(np.zeros(2, np.float32))
 
 
 def test_only_files_of_environments_have_one(toy):
@@ -356,7 +366,7 @@ def test_the_demonstrators_own_video_judges_and_is_a_target(made, ifo):
     done = ifo(made[0], *words, "--demonstrator", f"{HERE}:go_left", "--out", "w.translation.h5")
     assert "go_left fails in this context" in done.stderr
     done = ifo(made[0], "learn-policy", "s.translation.h5", *LEARN, "--reward", "video", "--out", "w.policy.h5")
-    assert done.returncode == 3 and "translate` again with --demonstrator NAME" in done.stderr
+    assert done.returncode == 3 and "translate` again with --demonstrator NAME and another --out" in done.stderr
 
 
 def test_an_untranslated_demonstration_is_a_target_as_it_is(made, ifo):
@@ -381,6 +391,30 @@ def test_the_demonstrations_environment_by_name_is_filmed_as_they_were(made, ifo
     assert named.config["environment"] == left_out.config["environment"]
 
 
+def test_code_that_is_not_used_needs_no_permission(tmp_path, monkeypatch):
+    from stages.config.stages import TranslateConfig
+    from stages.environments.scene import as_filmed
+    from stages.environments.spec import EnvironmentSpec
+
+    monkeypatch.delenv("IFO_ENVS")
+    spec = EnvironmentSpec("Reacher-v5", {"xml_file": "/a/b.xml"}, 0, 40, 6, (16, 16), success="other:judge")
+    demos = read_artifact(
+        write_artifact(
+            tmp_path / "x.demos.h5",
+            "demos",
+            {"frames": np.zeros((1, 6, 16, 16, 3), np.uint8)},
+            config={"environment": spec.described()},
+            seed=0,
+            command="ifo test",
+        )
+    )
+    typed = TranslateConfig(env="Reacher-v5", env_kwargs=("xml_file=/my.xml",), success="mine:judge")
+    assert as_filmed(typed, demos, ()) == dataclasses.replace(typed, episode_steps=40)
+    for options, named in (({"success": "mine:judge"}, "xml_file"), ({"env_kwargs": ("a=1",)}, "other:judge")):
+        with pytest.raises(UsageError, match=named):
+            as_filmed(TranslateConfig(**options), demos, ())
+
+
 def test_another_viewpoint_and_arguments_win_over_those_of_the_demonstrations(tmp_path):
     from stages.config.stages import TranslateConfig
     from stages.environments.scene import as_filmed
@@ -397,11 +431,13 @@ def test_another_viewpoint_and_arguments_win_over_those_of_the_demonstrations(tm
         command="ifo test",
     )
     demos = read_artifact(path)
-    same = as_filmed(TranslateConfig(env="Reacher-v5"), demos, {"env"})
-    assert same == as_filmed(TranslateConfig(), demos, ())
+    same = as_filmed(TranslateConfig(), demos, ())
     assert (same.viewpoint, same.episode_steps) == ("5,-30,0.5", 40)
     assert same.env_kwargs == ("reward_control_weight=2",)
-    own = as_filmed(TranslateConfig(env="Reacher-v5", viewpoint="0,0,1"), demos, {"env", "viewpoint"})
-    assert own.viewpoint == "0,0,1"
+    named = as_filmed(TranslateConfig(env="Reacher-v5"), demos, {"env"})
+    assert named == dataclasses.replace(same, env_kwargs=()), "arguments are the user's"
+    given = {"viewpoint": "0,0,1", "episode_steps": 60, "env_kwargs": ("reward_control_weight=3",)}
+    own = as_filmed(TranslateConfig(**given), demos, set(given))
+    assert {name: getattr(own, name) for name in given} == given
     other = TranslateConfig(env="Pusher-v5")
     assert as_filmed(other, demos, {"env"}) == other

@@ -31,8 +31,13 @@ RUNS = [
         "translation-demonstrations-unknown",
     ),
     ({"reward": "translation", "translator": {"steps": 0, "without": []}}, "random", "random"),
-    ({"reward": "translation", "translator": TRAINED, "untranslated": True}, "untranslated", "untranslated"),
-    ({"reward": "video", "translator": TRAINED, "untranslated": True}, "video", "video"),
+    ({"reward": "translation", "translator": TRAINED, "untranslated": 1}, "untranslated", "untranslated"),
+    (
+        {"reward": "translation", "translator": TRAINED, "untranslated": 200},
+        "untranslated mean of 200",
+        "untranslated-mean-of-200",
+    ),
+    ({"reward": "video", "translator": TRAINED, "untranslated": 1}, "video", "video"),
     ({"reward": "video", "translator": {"steps": 0}}, "video, untrained", "video-untrained"),
     ({"reward": "video", "without": ["img"], "translator": TRAINED}, "video without img", "video-without-img"),
     (

@@ -199,7 +199,7 @@ def test_best_weights_that_do_not_fit_are_refused(loop, wrong):
     assert other.best.error == 1.0
 
 
-def test_the_number_of_workers_changes_no_bit_of_a_translator(tmp_path, monkeypatch):
+def test_the_number_of_threads_that_share_the_groups_changes_no_bit(tmp_path, monkeypatch):
     frames = torch.randint(0, 256, (12, 4, 16, 16, 3), dtype=torch.uint8).numpy()
     demos = write_artifact(tmp_path / "x.demos.h5", "demos", {"frames": frames}, config={}, seed=0, command="ifo test")
     config = TranslatorConfig(steps=6, videos=3, frames=2, groups=2)
