@@ -21,7 +21,8 @@ EXAMPLES = (
 def evaluate(
     given: Given,
     policies: Annotated[
-        list[Path] | None, typer.Argument(help="Policies (default: paths on standard input, one per line).")
+        list[Path] | None,
+        typer.Argument(readable=False, help="Policies (default: paths on standard input, one per line)."),
     ] = None,
 ) -> None:
     """Run finished policies and measure their final distance to the goal, by the task's true distance.

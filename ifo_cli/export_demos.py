@@ -23,7 +23,9 @@ def export_demos(
     given: Given,
     demos: Annotated[
         Path | None,
-        typer.Argument(help="The demos artifact (default: the path on standard input).", show_default=False),
+        typer.Argument(
+            readable=False, help="The demos artifact (default: the path on standard input).", show_default=False
+        ),
     ] = None,
 ) -> None:
     """Write demonstrations as a data set that LeRobot, robomimic or Minari can read.

@@ -26,6 +26,7 @@ def import_demos(
     videos: Annotated[
         list[Path] | None,
         typer.Argument(
+            readable=False,
             help="Videos, folders of videos, folders of images (one video each), or LeRobot, robomimic or Minari data "
             "sets (one video per episode) (default: paths on standard input).",
             show_default=False,

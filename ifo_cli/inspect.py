@@ -35,7 +35,9 @@ SHORT = 8  # maximum number of values of a dataset that are all shown
 @stage_command("inspect")
 def inspect(
     given: Given,
-    artifact: Annotated[Path | None, typer.Argument(help="Artifact (default: the path on standard input).")] = None,
+    artifact: Annotated[
+        Path | None, typer.Argument(readable=False, help="Artifact (default: the path on standard input).")
+    ] = None,
 ) -> None:
     """Show an artifact's origin, configuration, data, key figures and lineage.
 

@@ -21,7 +21,7 @@ EXAMPLES = (
 def learn_policy(
     given: Given,
     translation: Annotated[
-        Path | None, typer.Argument(help="Translation (default: the path on standard input).")
+        Path | None, typer.Argument(readable=False, help="Translation (default: the path on standard input).")
     ] = None,
 ) -> None:
     """Learn a policy by reinforcement learning; the reward is for tracking the translated demonstrations.

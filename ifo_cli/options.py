@@ -113,6 +113,8 @@ def _parameters(config_class: type, defaults: Any, names: tuple[str, ...], panel
             settings["metavar"] = about.get("metavar", METAVARS[annotation])
         if "metavar" in settings and (bounds := _bounds(about["low"], about["high"])):
             settings["metavar"] += f" [{bounds}]"  # The configuration class checks them, as for files of options.
+        if annotation is Path:
+            settings["readable"] = False  # Whoever opens the file says why it cannot be read.
         if completion := COMPLETIONS.get(about.get("complete", "")):
             settings["autocompletion"] = completion
         source = defaults if defaults is not None else item.default if about.get("show") else None

@@ -25,7 +25,9 @@ def report(
     runs: Annotated[
         list[Path] | None,
         typer.Argument(
-            help="Evaluations, or folders to search for them (default: paths on standard input).", show_default=False
+            readable=False,
+            help="Evaluations, or folders to search for them (default: paths on standard input).",
+            show_default=False,
         ),
     ] = None,
 ) -> None:

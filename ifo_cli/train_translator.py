@@ -24,7 +24,9 @@ EXAMPLES = (
 @stage_command(STAGE)
 def train_translator(
     given: Given,
-    demos: Annotated[Path | None, typer.Argument(help="Demonstrations (default: the path on standard input).")] = None,
+    demos: Annotated[
+        Path | None, typer.Argument(readable=False, help="Demonstrations (default: the path on standard input).")
+    ] = None,
 ) -> None:
     """Train the network that translates a video from its own context into another.
 

@@ -21,7 +21,9 @@ EXAMPLES = (
 @stage_command(STAGE)
 def translate(
     given: Given,
-    translator: Annotated[Path | None, typer.Argument(help="Translator (default: the path on standard input).")] = None,
+    translator: Annotated[
+        Path | None, typer.Argument(readable=False, help="Translator (default: the path on standard input).")
+    ] = None,
 ) -> None:
     """Translate demonstrations into the learner's context and average them. The policy will track this average."""
 

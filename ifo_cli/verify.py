@@ -27,7 +27,8 @@ def verify(
     files: Annotated[
         list[Path] | None,
         typer.Argument(
-            help="Artifacts, or folders to search for them (default: paths on standard input, one per line)."
+            readable=False,
+            help="Artifacts, or folders to search for them (default: paths on standard input, one per line).",
         ),
     ] = None,
 ) -> None:

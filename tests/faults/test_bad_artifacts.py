@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import shutil
 import sys
 
@@ -142,3 +143,20 @@ def test_a_task_that_does_not_exist_is_the_files_fault(stage, tmp_path, monkeypa
     assert main([*words, str(path), "--out", str(tmp_path / "out.h5")]) == 3
     [line] = capfd.readouterr().err.strip().splitlines()
     assert path.name in line and "raech" in line
+
+
+@pytest.mark.parametrize("command", ["train-translator", "export-demos", "inspect", "verify", "report"])
+def test_a_file_that_is_removed_as_the_command_begins_is_a_missing_input(command, tmp_path, monkeypatch, capfd):
+    path = write(tmp_path, "demos")
+    stat = os.stat
+
+    def removed_after(*arguments, **options):
+        found = stat(*arguments, **options)
+        path.unlink(missing_ok=True)
+        return found
+
+    monkeypatch.setattr("os.stat", lambda *a, **o: removed_after(*a, **o) if str(a[0]) == str(path) else stat(*a, **o))
+    monkeypatch.setattr(sys, "stdin", io.StringIO(""))
+    more = ("--format", "robomimic") if command == "export-demos" else ()
+    assert main([command, str(path), *more]) == 3
+    assert len(capfd.readouterr().err.strip().splitlines()) == 1
