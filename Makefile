@@ -19,13 +19,10 @@ setup: $(STAMP) ## Create .venv with everything that ifo needs.
 
 PRESET ?= quick
 DEMO := runs/reach$(if $(filter-out quick,$(PRESET)),-$(PRESET))
-# Half of the videos of preset quick, and shorter training: see "A shorter demo" in results/LOG.md.
-FEWER := $(if $(filter quick,$(PRESET)),-n 8192)
-SHORTER := $(if $(filter quick,$(PRESET)),--steps 3500 --trans-frames 2)
 demo: setup ## Learn to reach from videos in other contexts (PRESET=quick). Run it again to resume.
 	@mkdir -p runs
-	@ifo collect-demos reach --preset $(PRESET) $(FEWER) | ifo train-translator --resume $(SHORTER) | ifo translate \
-	    | ifo learn-policy --resume | ifo evaluate --json > runs/demo.json.part
+	@ifo collect-demos reach --preset $(PRESET) | ifo train-translator --resume | ifo translate | ifo learn-policy --resume \
+	    | ifo evaluate --json > runs/demo.json.part
 	@mv runs/demo.json.part runs/demo.json
 	@echo "Normalized final distance to the goal (1: the initial distance):"
 	@python -m json.tool runs/demo.json | grep -E '"normalised_distance(_stochastic)?":|"success_[a-z]+":'
