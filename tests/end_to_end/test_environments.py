@@ -391,6 +391,14 @@ def test_the_demonstrations_environment_by_name_is_filmed_as_they_were(made, ifo
     assert named.config["environment"] == left_out.config["environment"]
 
 
+def filmed(folder, spec):
+    """Demonstrations that were filmed in an environment, without their content."""
+    frames = np.zeros((1, spec.frames, *spec.size, 3), np.uint8)
+    config = {"environment": spec.described()}
+    path = write_artifact(folder / "x.demos.h5", "demos", {"frames": frames}, config=config, seed=0, command="ifo test")
+    return read_artifact(path)
+
+
 def test_code_that_is_not_used_needs_no_permission(tmp_path, monkeypatch):
     from stages.config.stages import TranslateConfig
     from stages.environments.scene import as_filmed
@@ -398,16 +406,7 @@ def test_code_that_is_not_used_needs_no_permission(tmp_path, monkeypatch):
 
     monkeypatch.delenv("IFO_ENVS")
     spec = EnvironmentSpec("Reacher-v5", {"xml_file": "/a/b.xml"}, 0, 40, 6, (16, 16), success="other:judge")
-    demos = read_artifact(
-        write_artifact(
-            tmp_path / "x.demos.h5",
-            "demos",
-            {"frames": np.zeros((1, 6, 16, 16, 3), np.uint8)},
-            config={"environment": spec.described()},
-            seed=0,
-            command="ifo test",
-        )
-    )
+    demos = filmed(tmp_path, spec)
     typed = TranslateConfig(env="Reacher-v5", env_kwargs=("xml_file=/my.xml",), success="mine:judge")
     assert as_filmed(typed, demos, ()) == dataclasses.replace(typed, episode_steps=40)
     for options, named in (({"success": "mine:judge"}, "xml_file"), ({"env_kwargs": ("a=1",)}, "other:judge")):
@@ -422,15 +421,7 @@ def test_another_viewpoint_and_arguments_win_over_those_of_the_demonstrations(tm
     from stages.environments.viewpoints import Viewpoint
 
     spec = EnvironmentSpec("Reacher-v5", {"reward_control_weight": 2}, 0, 40, 6, (16, 16), None, Viewpoint(5, -30, 0.5))
-    path = write_artifact(
-        tmp_path / "x.demos.h5",
-        "demos",
-        {"frames": np.zeros((1, 6, 16, 16, 3), np.uint8)},
-        config={"environment": spec.described()},
-        seed=0,
-        command="ifo test",
-    )
-    demos = read_artifact(path)
+    demos = filmed(tmp_path, spec)
     same = as_filmed(TranslateConfig(), demos, ())
     assert (same.viewpoint, same.episode_steps) == ("5,-30,0.5", 40)
     assert same.env_kwargs == ("reward_control_weight=2",)

@@ -43,14 +43,14 @@ def test_encoding_images_and_contexts_together_changes_nothing(arch):
     model = make_translator(arch, (16, 16)).eval().double()
     images, contexts = torch.rand(6, 3, 16, 16).double(), torch.rand(2, 3, 16, 16).double()
     features, context = model.encode_all(images, contexts)
-    alone = model.encode_context(contexts)
+    separate = model.encode_context(contexts)
     torch.testing.assert_close(features, model.encode(images))
-    torch.testing.assert_close(context.features, alone.features)
-    for ours, wanted in zip(context.skips, alone.skips, strict=True):
+    torch.testing.assert_close(context.features, separate.features)
+    for ours, wanted in zip(context.skips, separate.skips, strict=True):
         torch.testing.assert_close(ours, wanted)
     assert torch.equal(context.image, contexts)
-    if alone.palette is not None:
-        torch.testing.assert_close(context.palette, alone.palette)
+    if separate.palette is not None:
+        torch.testing.assert_close(context.palette, separate.palette)
 
 
 def test_a_pixel_is_a_mixture_of_its_context_and_the_palette_plus_a_correction():
