@@ -18,6 +18,7 @@ from gymnasium.wrappers import FilterObservation, FlattenObservation, RescaleAct
 
 from artifacts import IfoError, PlatformError, UsageError, sha256_of
 from stages.config.demonstrations import Crop
+from stages.environments.engine_log import log_warnings
 from stages.environments.spec import EnvironmentSpec
 from stages.environments.success import Judged
 from stages.environments.viewpoints import Viewed, Viewpoint, make_plain, physics_of
@@ -43,6 +44,7 @@ def make_environment(spec: EnvironmentSpec, raw: bool = False) -> gymnasium.Env:
         EnvironmentFault: There is no such environment, it cannot be made, or it is none to learn in.
     """
     choose_backend(required=False)  # The environment may import mujoco, which fixes its backend on import.
+    log_warnings()
     try:
         env = _made(spec)
     except IfoError:
