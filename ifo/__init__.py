@@ -2,6 +2,7 @@
 
     import ifo
 
+    translation = ifo.translate("runs/reach.translator.h5", context_seed=3)
     demos = ifo.read_artifact("runs/reach.demos.h5", "demos")
     policy = ifo.load_policy("runs/reach-c0.policy.h5")
 
@@ -29,6 +30,16 @@ if TYPE_CHECKING:
         make_task,
         verify,
     )
+    from ifo.pipeline import (
+        collect_demos,
+        evaluate,
+        import_demos,
+        learn_policy,
+        train_expert,
+        train_translator,
+        translate,
+    )
+    from stages.runtime.run import StageResult
     from stages.simulation.blame import TaskError
     from stages.simulation.contexts import ContextDistribution, Contexts
     from stages.simulation.task import State, Task
@@ -49,6 +60,16 @@ _MODULE_OF = {
             "make_task",
             "verify",
         ),
+        "ifo.pipeline": (
+            "collect_demos",
+            "evaluate",
+            "import_demos",
+            "learn_policy",
+            "train_expert",
+            "train_translator",
+            "translate",
+        ),
+        "stages.runtime.run": ("StageResult",),
         "stages.simulation.blame": ("TaskError",),
         "stages.simulation.contexts": ("ContextDistribution", "Contexts"),
         "stages.simulation.task": ("State", "Task"),
@@ -64,6 +85,7 @@ __all__ = [
     "Contexts",
     "IfoError",
     "PlatformError",
+    "StageResult",
     "State",
     "Task",
     "TaskError",
@@ -72,13 +94,20 @@ __all__ = [
     "UsageError",
     "__version__",
     "check_task",
+    "collect_demos",
     "envs",
+    "evaluate",
+    "import_demos",
+    "learn_policy",
     "load_policy",
     "make_environment",
     "make_task",
     "read_artifact",
     "scene",
     "suite",
+    "train_expert",
+    "train_translator",
+    "translate",
     "verify",
 ]
 

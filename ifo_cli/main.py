@@ -119,19 +119,29 @@ def _ifo(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    # OpenMP threads that spin while they wait make everything ten times slower as soon as another process, such as a
-    # render process, needs their core. torch reads this variable when it is imported, so it is set here.
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     # Processes launched together may be blocked waiting for each other; only the default handler ends them then.
     with standard_streams(), nullcontext() if "WORLD_SIZE" in os.environ else killable():
         return _run(words)
 
 
+def run_words(words: list[str], *unrecorded: str) -> Any:
+    """Run a command line in this process, without handling errors and signals; returns what the command returns.
+
+    Args:
+        words: The words after `ifo`, which artifacts record.
+        unrecorded: Further words, which they do not record.
+    """
+    # OpenMP threads that spin while they wait make everything ten times slower as soon as another process, such as a
+    # render process, needs their core. torch reads this variable when it is imported, so it is set here.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    command = typer.main.get_command(app)
+    with undisguised_interrupts():
+        return command.main([*words, *unrecorded], prog_name="ifo", standalone_mode=False, obj=words)
+
+
 def _run(words: list[str]) -> int:
     try:
-        command = typer.main.get_command(app)
-        with undisguised_interrupts():
-            code = command.main(words, prog_name="ifo", standalone_mode=False, obj=words)
+        code = run_words(words)
         sys.stdout.flush()
     except typer.TyperException as error:
         from stages.runtime.processes import is_main

@@ -106,8 +106,9 @@ def test_stages_know_nothing_of_commands():
     assert offenders("stages", ["ifo_cli", "ifo"]) == []
 
 
-def test_the_public_api_knows_nothing_of_commands_and_nobody_of_it():
-    assert offenders("ifo", ["ifo_cli"]) == []
+def test_only_the_stages_of_the_public_api_know_of_commands_and_nobody_knows_of_it():
+    """`ifo.train_translator` and the others are the commands, so that both do the same."""
+    assert {offender.split()[0] for offender in offenders("ifo", ["ifo_cli"])} == {"ifo/pipeline.py"}
     assert offenders("ifo_cli", ["ifo"]) == []
 
 

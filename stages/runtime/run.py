@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import platform
 from dataclasses import dataclass, field
 from importlib import metadata
@@ -50,10 +51,18 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class StageResult:
-    """Result of a stage: the artifact's path, and figures for `--json` and for messages."""
+    """Result of a stage, which can be used in place of a path.
+
+    Attributes:
+        path: Path of the artifact.
+        summary: The stage's figures, as `--json` prints them.
+    """
 
     path: Path
     summary: dict[str, Any]
+
+    def __fspath__(self) -> str:
+        return os.fspath(self.path)
 
 
 def check(stage: str, config: Config, run: RunOptions) -> None:
@@ -79,7 +88,5 @@ def vars_of(config: Any) -> dict[str, Any]:
 
 def environment(device: str = "cpu") -> dict[str, str]:
     """Return versions and devices that may affect a result."""
-    import os
-
     versions = {name: metadata.version(name) for name in ("torch", "mujoco", "numpy", "stable-baselines3")}
     return {"python": platform.python_version(), "gl": os.environ.get("MUJOCO_GL", ""), "device": device, **versions}
