@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from artifacts import ArtifactError, UsageError, default_path, read_artifact, stem_of
-from stages.config.presets import defaults
+from stages.config.presets import changed, defaults
 from stages.config.stages import TranslatorConfig
+from stages.config.translation import FEW, STEPS_FOR_FEW
 from stages.runtime.checkpoints import Checkpoints
 from stages.runtime.devices import pick_device, pick_workers
 from stages.runtime.outputs import Output, name_tags
@@ -86,6 +88,7 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path, bas
     if len(frames) < FEWEST:
         more = "import more videos" if source.config.get("stage") == "import-demos" else "collect more with -n"
         raise ArtifactError(f"{demos} contains {len(frames)} demonstrations, expected at least {FEWEST}: {more}")
+    config = _suited(config, run, len(frames))
     weights = None if started is None else base_weights(started, (frames.shape[2], frames.shape[3]))
     training = TranslatorTraining(config, frames[:-held_out], run.seed, device, run.processes, weights, threads)
     described = full_config("train-translator", config, run, task=source.config.get("task"))
@@ -129,6 +132,26 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path, bas
     checkpoints.remove()
     run.processes.finish()
     return result
+
+
+def _suited(config: TranslatorConfig, run: RunOptions, demonstrations: int) -> TranslatorConfig:
+    """Return the configuration with what suits few demonstrations, where the user decided nothing else.
+
+    Training videos are augmented, and the compact network trains for fewer steps.
+    """
+    if demonstrations >= FEW or not config.steps:
+        return config
+    given = changed("train-translator", config) if run.given is None else run.given
+    own: dict[str, Any] = {} if config.augment or "augment" in given else {"augment": True}
+    if config.arch == "compact" and config.steps > STEPS_FOR_FEW and "steps" not in given:
+        own["steps"] = STEPS_FOR_FEW
+    if own:
+        told = {
+            "augment": "training videos are augmented (--no-augment: not)",
+            "steps": f"{STEPS_FOR_FEW} steps (--steps)",
+        }
+        run.progress.say(f"{demonstrations} demonstrations are few: {', '.join(told[name] for name in own)}")
+    return dataclasses.replace(config, **own)
 
 
 def _advice(metrics: dict[str, float], config: TranslatorConfig, demonstrations: int, *, fine_tuned: bool) -> str:

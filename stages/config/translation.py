@@ -19,6 +19,11 @@ IN_SIMULATION = (Not("context_image"), Not("env"))
 # Options that have an effect only where the learner's context is a Gymnasium environment.
 OF_ENVIRONMENTS = ("env_kwargs", "env_seed", "viewpoint", "success", "episode_steps", "demonstrator")
 
+# With fewer demonstrations than FEW, training videos are augmented, and the compact network trains for fewer steps,
+# unless these options are given (results/LOG.md, "Few videos").
+FEW = 512
+STEPS_FOR_FEW = 2000
+
 
 @dataclass(frozen=True)
 class TranslatorConfig(Config):
@@ -33,7 +38,12 @@ class TranslatorConfig(Config):
         ARCHITECTURES,
         tag="",
     )
-    steps: int = option(5000, "Number of optimizer steps (0: keep random weights).", low=0)
+    steps: int = option(
+        5000,
+        f"Number of optimizer steps (0: keep random weights); with fewer than {FEW} demonstrations and the compact "
+        f"network, at most {STEPS_FOR_FEW} unless given.",
+        low=0,
+    )
     videos: int = option(
         16,
         "Videos per group and step; each is the source of one pair and the target of another.",
@@ -89,7 +99,7 @@ class TranslatorConfig(Config):
     augment: bool = option(
         False,
         "Slightly change brightness, contrast, saturation and position of training videos at random, identically for "
-        "all frames of a video; useful with few real videos.",
+        f"all frames of a video (default: with fewer than {FEW} demonstrations).",
         effect=(TRAINS,),
         off=False,
     )
