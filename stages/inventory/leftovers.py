@@ -13,7 +13,7 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
-from artifacts import STAGE_FILES, checkpoint_path, sibling
+from artifacts import STAGE_FILES, checkpoint_path, open_regular, sibling
 from artifacts.glance import Glance
 from artifacts.survey import ENDING, TENSORBOARD
 from artifacts.usage import is_used
@@ -97,7 +97,7 @@ def is_companion(path: Path) -> bool:
             return stat.S_ISDIR(mode) and all(map(_is_event_file, os.scandir(path)))
         if not stat.S_ISREG(mode) or path.suffix not in PICTURES:
             return False
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             return PICTURES[path.suffix](file.read(HEAD))
     except OSError:
         return False

@@ -306,6 +306,16 @@ def test_what_belongs_to_an_artifact_goes_with_it(tmp_path):
     assert clean(tmp_path, "unused") == {} and list(tmp_path.iterdir()) == [mine]
 
 
+def test_links_and_pipes_do_not_belong_to_an_artifact(tmp_path):
+    artifact = sketch(tmp_path / "runs" / "x.policy.h5")
+    far = old(tmp_path / "far.mp4", MP4)
+    (tmp_path / "runs" / "x.policy.mp4").symlink_to(far)
+    os.mkfifo(tmp_path / "runs" / "x.policy.png")
+    (tmp_path / "runs" / "x.policy.tensorboard").symlink_to(board(tmp_path / "far"))
+    assert listed(tmp_path / "runs", *CLEANED) == {artifact.name: "unused"}
+    assert clean(tmp_path / "runs", *CLEANED) == {} and far.exists()
+
+
 def test_what_killed_commands_left_goes(tmp_path):
     for name in (".x.policy.h5.tmp-abc_1234", ".footage.tmp-abcdefgh"):
         (tmp_path / name / "new").mkdir(parents=True)
