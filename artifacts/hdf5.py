@@ -169,12 +169,18 @@ def read_attributes(file: h5py.File) -> dict[str, int | str]:
     Raises:
       ArtifactError: An attribute is of another type, or too long.
     """
+    import h5py
+
     check_attributes(file)
     attributes: dict[str, int | str] = {}
-    for name, value in file.attrs.items():
-        if isinstance(value, bytes):
-            value = value.decode("utf-8")
-        attributes[name] = value if isinstance(value, str) else int(value)
+    # Several times as fast as `file.attrs`, which matters to commands that look at hundreds of files.
+    for index in range(h5py.h5a.get_num_attrs(file.id)):
+        attribute = h5py.h5a.open(file.id, index=index)
+        found = np.zeros((), attribute.dtype)
+        attribute.read(found)
+        value = found[()]
+        name = attribute.name.decode("utf-8", "surrogateescape")
+        attributes[name] = value.decode("utf-8") if isinstance(value, bytes) else int(value)
     return attributes
 
 

@@ -133,20 +133,11 @@ def read_artifact(path: str | Path, kind: Kinds = None) -> Artifact:
     """
     path = Path(path)
     wanted = (kind,) if isinstance(kind, str) else kind
-    _check_is_file(path, wanted)
+    check_is_file(path, wanted)
     identity = _identity(path)
     with naming(path), undamaged("is truncated or damaged"), hdf5.open_file(path) as file:
-        fields = _checked_fields(file, wanted)
+        fields = checked_fields(file, wanted)
         found, version = fields["kind"], fields["schema_version"]
-        if wanted is not None and found not in wanted:
-            raise ArtifactError(f"is {a_(found)}, expected {either(wanted)}: {how_to_make(wanted)}")
-        if found not in KINDS:
-            raise ArtifactError(f"is {a_(found)}, which this ifo does not know: upgrade ifo")
-        if version > KINDS[found].version:
-            raise ArtifactError(
-                f"was written by a newer ifo (schema {version}, "
-                f"this one reads up to {KINDS[found].version}): upgrade ifo"
-            )
         stored = checked_names(file)
         arrays = ArrayView(stored)
         migrate(fields, arrays)
@@ -218,7 +209,12 @@ def check_finite(name: str, array: np.ndarray) -> None:
         raise ArtifactError(f"dataset {name} holds values that are NaN or infinite: make the file again")
 
 
-def _check_is_file(path: Path, wanted: tuple[str, ...] | None) -> None:
+def check_is_file(path: Path, wanted: tuple[str, ...] | None = None) -> None:
+    """Check that a path leads to an HDF5 file, without opening anything else.
+
+    Raises:
+      ArtifactError: It does not, or cannot be read; the message says how to make the wanted kinds.
+    """
     try:
         check_regular(path)
         with open(path, "rb") as file:
@@ -233,7 +229,27 @@ def _check_is_file(path: Path, wanted: tuple[str, ...] | None) -> None:
         raise ArtifactError(f"{path}: is not HDF5, so not an ifo artifact: {how_to_make(wanted)}")
 
 
-def _checked_fields(file: Any, wanted: tuple[str, ...] | None = None) -> dict[str, Any]:
+def checked_fields(file: Any, wanted: tuple[str, ...] | None = None) -> dict[str, Any]:
+    """Return the manifest's fields as stored in the file, of a kind and a schema that this ifo can read.
+
+    Raises:
+      ArtifactError: It has no manifest, a damaged one, or one of another kind or a newer schema. Without the file's
+        name.
+    """
+    fields = _stored_fields(file, wanted)
+    found, version = fields["kind"], fields["schema_version"]
+    if wanted is not None and found not in wanted:
+        raise ArtifactError(f"is {a_(found)}, expected {either(wanted)}: {how_to_make(wanted)}")
+    if found not in KINDS:
+        raise ArtifactError(f"is {a_(found)}, which this ifo does not know: upgrade ifo")
+    if version > KINDS[found].version:
+        raise ArtifactError(
+            f"was written by a newer ifo (schema {version}, this one reads up to {KINDS[found].version}): upgrade ifo"
+        )
+    return fields
+
+
+def _stored_fields(file: Any, wanted: tuple[str, ...] | None = None) -> dict[str, Any]:
     """Return the manifest's fields as stored in the file."""
     attributes = hdf5.read_attributes(file)
     if "kind" not in attributes or "schema_version" not in attributes or DIGEST not in attributes:
@@ -283,7 +299,7 @@ def _content_of_old(path: Path, identity: Identity | None) -> str:
         if _identity(path) != identity:
             raise ArtifactError(REPLACED)
     with naming(path), undamaged("is truncated or damaged"), hdf5.open_file(path) as file:
-        fields = _checked_fields(file)
+        fields = _stored_fields(file)
         datasets = {name: hdf5.dataset_digest(file[name]) for name in checked_names(file)}
         parents = [parent["sha256"] for parent in fields["parents"]]
         return content_digest(

@@ -14,6 +14,7 @@ import typer
 
 from ifo_cli.options import Given, stage_command
 from ifo_cli.streams import emit, inputs_or_stdin, plain
+from ifo_cli.wording import size_text
 from stages.runtime.terminal import one_line
 
 if TYPE_CHECKING:
@@ -139,14 +140,14 @@ def _as_text(report: dict[str, Any]) -> str:
     origin = [(name, str(report[name])) for name in ("path", "kind", "created", "seed", "command")]
     versions = {"ifo": report["ifo_version"], "schema": report["schema_version"], **report["environment"]}
     origin.insert(3, ("versions", ", ".join(f"{name} {value}" for name, value in versions.items() if value)))
-    origin.insert(2, ("size", _size(report["bytes"])))
+    origin.insert(2, ("size", size_text(report["bytes"])))
     table("Artifact", origin)
     for title, values in (("Key figures", report["key_figures"]), ("Configuration", report["config"])):
         if values:
             pairs = [(_value(name), _value(value)) for name, value in islice(values.items(), SHOWN_VALUES)]
             table(title, [*pairs, *_more(len(values) - len(pairs), ("",))])
     rows: list[tuple[str, ...]] = [
-        (item["name"], "x".join(map(str, item["shape"])) or "single", item["dtype"], _size(item["bytes"]))
+        (item["name"], "x".join(map(str, item["shape"])) or "single", item["dtype"], size_text(item["bytes"]))
         for item in report["datasets"][:SHOWN_DATASETS]
     ]
     rows += _more(len(report["datasets"]) - len(rows), ("", "", ""))
@@ -194,11 +195,3 @@ def _whole_value(value: Any) -> str:
             return f"{_value(value[:1])}, {len(value) - 1} more (--json shows all)"
         return ", ".join(map(_value, value[:LONGEST_VALUE])) or "none"
     return value if isinstance(value, str) else json.dumps(value)
-
-
-def _size(number: float) -> str:
-    for unit in ("B", "KiB", "MiB"):
-        if number < 1024:
-            return f"{number:.0f} {unit}" if unit == "B" else f"{number:.1f} {unit}"
-        number /= 1024
-    return f"{number:.1f} GiB"

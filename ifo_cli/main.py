@@ -21,9 +21,11 @@ from ifo_cli import (
     doctor,
     evaluate,
     export_demos,
+    gc,
     import_demos,
     inspect,
     learn_policy,
+    ls,
     report,
     reproduce,
     train_expert,
@@ -89,6 +91,8 @@ _register("learn-policy", learn_policy.learn_policy, learn_policy.EXAMPLES, PRES
 _register("evaluate", evaluate.evaluate, evaluate.EXAMPLES, PRESET_NOTE)
 _register("reproduce", reproduce.reproduce, reproduce.EXAMPLES, reproduce.NOTE)
 _register("report", report.report, report.EXAMPLES)
+_register("ls", ls.ls, ls.EXAMPLES)
+_register("gc", gc.gc, gc.EXAMPLES, gc.NOTE)
 _register("inspect", inspect.inspect, inspect.EXAMPLES)
 _register("verify", verify.verify, verify.EXAMPLES)
 _register("check-task", check_task.check_task, check_task.EXAMPLES)

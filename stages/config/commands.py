@@ -18,6 +18,7 @@ from stages.config.common import (
 )
 from stages.config.demonstrations import ExportConfig, ImportConfig
 from stages.config.fields import Config, one_of, option
+from stages.config.inventory import CleanConfig, ListConfig
 from stages.config.names import TASKS
 from stages.config.stages import STAGES
 
@@ -111,6 +112,8 @@ COMMANDS: dict[str, Command] = {
     "evaluate": Command(STAGES["evaluate"], CommonOptions, _STAGE),
     "reproduce": Command(ReproduceConfig, ReproduceOptions, ("preset", "seed", "dry_run", *_OUTPUT)),
     "report": Command(ReportConfig, ReportOptions, _OUTPUT),
+    "ls": Command(ListConfig, LookOptions, ("json",)),
+    "gc": Command(CleanConfig, LookOptions, ("json",)),
     "inspect": Command(Config, LookOptions, ("json",)),
     "verify": Command(Config, LookOptions, ()),
     "check-task": Command(Config, CheckOptions, ("seed", "out", "json")),

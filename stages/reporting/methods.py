@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from artifacts import Artifact, ArtifactError
@@ -35,20 +36,36 @@ def describe_method(policy: Artifact) -> tuple[dict[str, Any], str]:
         whether the demonstrations were recorded in one learner's context, None if not known; `method`, a name of all
         this. And why something is not known, in one line; empty if all is known.
     """
-    described: dict[str, Any] = {name: policy.config.get(name) for name in LEARNING}
-    described |= {"translator": None, "own_context": None, "untranslated": None}
-    problem = ""
+    described, problem = of_policy(policy.config), ""
     try:
         translation = policy.parent("translation", check=True)
-        described["untranslated"] = translation.config["n"] if translation.config.get("untranslated") else 0
+        described |= of_translation(translation.config)
         translator = translation.parent("translator", check=True)
-        described["translator"] = {
-            **{name: translator.config.get(name) for name in TRANSLATOR},
-            "minutes": float(translator["curve/seconds"].sum() / 60) if "curve/seconds" in translator else None,
-            **({"base": translator.config["base"]} if "base" in translator.config else {}),
-        }
-        demos = translator.parent("demos", check=True)
-        described["own_context"] = demos.config.get("context_seed", -1) >= 0
+        minutes = float(translator["curve/seconds"].sum() / 60) if "curve/seconds" in translator else None
+        described |= of_translator(translator.config, minutes)
+        described |= of_demos(translator.parent("demos", check=True).config)
     except ArtifactError as error:
         problem = str(error)
     return {**described, "method": method_name(described)}, problem
+
+
+def of_policy(config: Mapping[str, Any]) -> dict[str, Any]:
+    """What the configuration of a policy says of its method; what other files would add is None."""
+    unknown = {"translator": None, "own_context": None, "untranslated": None}
+    return {name: config.get(name) for name in LEARNING} | unknown
+
+
+def of_translation(config: Mapping[str, Any]) -> dict[str, Any]:
+    """What the configuration of a policy's translation adds."""
+    return {"untranslated": config["n"] if config.get("untranslated") else 0}
+
+
+def of_translator(config: Mapping[str, Any], minutes: float | None = None) -> dict[str, Any]:
+    """What the configuration of the translator adds, with the minutes that its training took."""
+    base = {"base": config["base"]} if "base" in config else {}
+    return {"translator": {**{name: config.get(name) for name in TRANSLATOR}, "minutes": minutes, **base}}
+
+
+def of_demos(config: Mapping[str, Any]) -> dict[str, Any]:
+    """What the configuration of the demonstrations adds."""
+    return {"own_context": config.get("context_seed", -1) >= 0}

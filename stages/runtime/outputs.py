@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from artifacts import (
     recipe_of,
     write_artifact,
 )
+from artifacts.usage import InUse
 from stages.runtime.run import RunOptions, StageResult, full_config
 
 LONGEST_NAME = 255  # bytes, on the usual file systems
@@ -39,6 +40,7 @@ class Output:
         run: Options of the run.
         found: Identity of the file at `path` before the work began; None: there was none.
         unset: Default of each field of the configuration, JSON values.
+        inputs: Marks of the inputs, which `ifo gc` does not remove as long as the stage runs.
     """
 
     path: Path
@@ -47,6 +49,7 @@ class Output:
     run: RunOptions
     found: tuple[int, int] | None
     unset: dict[str, Any]
+    inputs: InUse = field(default_factory=InUse, compare=False, repr=False)
 
     @classmethod
     def of(
@@ -77,7 +80,8 @@ class Output:
         check_name(path)
         recipe = recipe_of(stage, full_config(stage, config, run, **(extra or {})), run.seed, parents)
         unset = {item.name: item.default for item in dataclasses.fields(config)}
-        return cls(path, kind, recipe, run, _identity(path), recipe_of(stage, unset, run.seed)["config"])
+        defaults = recipe_of(stage, unset, run.seed)["config"]
+        return cls(path, kind, recipe, run, _identity(path), defaults, _in_use(parents))
 
     def kept(self) -> StageResult | None:
         """Return the finished artifact if it is exactly what the stage would make; None if there is no file yet.
@@ -113,7 +117,7 @@ class Output:
     def made_from(self, parents: Sequence[Path | Artifact]) -> Output:
         """Return the same output with other parents in its recipe."""
         contents = [parent.content if isinstance(parent, Artifact) else content_of(parent) for parent in parents]
-        return dataclasses.replace(self, recipe={**self.recipe, "parents": contents})
+        return dataclasses.replace(self, recipe={**self.recipe, "parents": contents}, inputs=_in_use(parents))
 
     def write(
         self,
@@ -190,6 +194,10 @@ def name_tags(config: Any, usual: Any, run: RunOptions, seed: int, preset: str) 
     if run.seed != seed:
         tags.append(f"s{run.seed}")
     return "".join(f"-{tag}" for tag in tags)
+
+
+def _in_use(parents: Sequence[Path | Artifact]) -> InUse:
+    return InUse(parent.path if isinstance(parent, Artifact) else parent for parent in parents)
 
 
 def _identity(path: Path) -> tuple[int, int] | None:

@@ -11,6 +11,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from artifacts import PlatformError
+from artifacts.usage import InUse
 
 
 class TensorBoard:
@@ -35,6 +36,8 @@ class TensorBoard:
                 if made:
                     shutil.rmtree(folder, ignore_errors=True)
                 raise
+            self._mark = InUse([folder])  # `ifo gc` neither removes it nor the checkpoint next to it.
+            stack.callback(self._mark.end)
             self._on_exit = stack.pop_all()
 
     def write(self, step: int, row: dict[str, float]) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from artifacts import UsageError, read_artifact, write_artifact
+from artifacts.usage import is_used
 from stages.config.presets import defaults
 from stages.config.stages import EvaluateConfig
 from stages.runtime.outputs import Output, name_tags
@@ -160,3 +161,16 @@ def test_a_name_without_room_for_the_checkpoint_is_refused_at_once(tmp_path):
     output(tmp_path / f"{'x' * (255 - suffixes)}.policy.h5")
     with pytest.raises(UsageError, match="too long"):
         output(tmp_path / f"{'x' * (256 - suffixes)}.policy.h5")
+
+
+def test_inputs_are_marked_as_long_as_the_stage_runs(tmp_path):
+    first, second, other = (tmp_path / f"{name}.policy.h5" for name in "abc")
+    for path in (first, second, other):
+        write(path)
+    running = output(tmp_path / "out.policy.h5", parents=[first, read_artifact(second)])
+    assert [is_used(path) for path in (first, second, other)] == [True, True, False]
+    running = running.made_from([other])
+    assert [is_used(path) for path in (first, second, other)] == [False, False, True]
+    running.write(ARRAYS, config={"stage": "evaluate"}, summary={}, parents=[other])
+    del running
+    assert not any(map(is_used, (first, second, other)))

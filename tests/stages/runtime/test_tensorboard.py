@@ -6,6 +6,7 @@ import threading
 import pytest
 
 from artifacts import PlatformError
+from artifacts.usage import is_used
 from stages.runtime.tensorboard import TensorBoard
 
 
@@ -55,3 +56,9 @@ def test_the_programs_own_hook_is_put_back(tmp_path, monkeypatch):
     with pytest.raises(PlatformError):
         TensorBoard(tmp_path / "file" / "x.tensorboard")
     assert threading.excepthook is own
+
+
+def test_its_folder_is_marked_as_used(tmp_path):
+    with TensorBoard(tmp_path / "x.tensorboard"):
+        assert is_used(tmp_path / "x.tensorboard")
+    assert not is_used(tmp_path / "x.tensorboard")
