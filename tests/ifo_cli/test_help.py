@@ -130,8 +130,8 @@ def test_completion_completes(line, expected):
     assert done.stdout.split() == [expected]
 
 
-def test_readme_lists_the_commands():
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+def test_the_documentation_lists_the_commands():
+    text = (ROOT / "docs/reference/commands.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\| `ifo ([a-z-]+)", text, re.M)
     assert listed == COMMANDS
 
