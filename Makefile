@@ -7,7 +7,7 @@ STAMP := .venv/.stamp
 PATH := $(CURDIR)/.venv/bin:$(PATH)
 export PATH
 
-.PHONY: help setup demo test slow faults fuzz package mutants check format bench fresh clean
+.PHONY: help setup demo test slow docs faults fuzz package mutants check format bench fresh clean
 
 help: ## Show the targets.
 	@grep -E '^[a-z]+:.*##' $(firstword $(MAKEFILE_LIST)) | sed -E 's/^([a-z]+):[^#]*## /  make \1	/' | expand -t 15
@@ -35,6 +35,11 @@ test: setup ## Run the tests that take seconds.
 
 slow: setup ## Run the tests that take minutes.
 	@pytest -m slow
+
+docs: setup ## Build the documentation site, docs/_build/index.html, after the generated pages of its reference.
+	@python docs/make_reference.py
+	@python -m sphinx -W --keep-going -q -b html docs docs/_build
+	@echo docs/_build/index.html
 
 N ?= 1000
 faults: setup ## Inject N=1000 faults, drawn with SEED=1: damage, kills, hostile files. Run it again to resume.
@@ -71,5 +76,5 @@ fresh: ## Try the current commit on a bare Debian in a temporary folder (needs r
 	@TESTS="$(TESTS)" bash .ci/fresh.sh
 
 clean: ## Remove caches and the virtual environment, but not runs/.
-	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv build dist docs/_build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

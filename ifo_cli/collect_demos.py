@@ -26,9 +26,9 @@ def collect_demos(task: TaskArgument, given: Given) -> None:
     """Record a demonstrator doing a task, each video in a different context.
 
     The demonstrator is a trained expert, or the scripted demonstrator of a household task. In a Gymnasium environment
-    (env:ID, env:PACKAGE:ID or env:MODULE:ATTR), it is any policy that --demonstrator names. Viewpoint, colors,
-    positions and distractors differ from video to video. Only frames are recorded for learning: no actions and no
-    states.
+    (env:ID, where ID can also be PACKAGE:ID or MODULE:ATTR), it is any policy that --demonstrator names. Viewpoint,
+    colors, positions and distractors differ from video to video. Only frames are recorded for learning: no actions and
+    no states.
     """
     foreign = task.startswith(PREFIX)
     if not foreign:

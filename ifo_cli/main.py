@@ -9,6 +9,7 @@ import sys
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from inspect import cleandoc
 from typing import Annotated, Any
 
 import typer
@@ -78,7 +79,13 @@ app = typer.Typer(
 def _register(name: str, function: Callable[..., Any], examples: Sequence[str], note: str = "") -> None:
     heading = "Example" if len(examples) == 1 else "Examples"
     paragraphs = [f"{heading}:", "\n".join(copyable(example) for example in examples)]
-    app.command(name, epilog="\n\n".join([note, *paragraphs] if note else paragraphs))(function)
+    epilog = "\n\n".join([note, *paragraphs] if note else paragraphs)
+    app.command(name, help=_flowing(function), epilog=epilog)(function)
+
+
+def _flowing(function: Callable[..., Any]) -> str:
+    """Return a docstring with each paragraph on one line, so that the terminal's width alone decides where it wraps."""
+    return "\n\n".join(" ".join(lines.split()) for lines in cleandoc(function.__doc__ or "").split("\n\n"))
 
 
 _register("train-expert", train_expert.train_expert, train_expert.EXAMPLES, PRESET_NOTE)
@@ -115,8 +122,7 @@ def _ifo(
 ) -> None:
     """Learn to do what videos show: imitation from observation via context translation.
 
-    Each command reads one versioned file and writes the next. A command prints only the path of the file it wrote,
-    so commands can be piped together.
+    Each command reads one versioned file, writes the next, and prints only its path: commands can be piped together.
     """
 
 

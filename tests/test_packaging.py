@@ -52,7 +52,7 @@ def test_python_versions_are_the_same_everywhere():
     prefix = "Programming Language :: Python :: "
     classified = [line.removeprefix(prefix) for line in PROJECT["project"]["classifiers"] if line.startswith(prefix)]
     assert classified == ["3 :: Only", *named]
-    for name in ("README.md", ".ci/setup.sh"):
+    for name in ("README.md", "docs/get-started.md", ".ci/setup.sh"):
         assert spoken in (ROOT / name).read_text(encoding="utf-8"), name
 
 

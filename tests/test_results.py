@@ -45,9 +45,10 @@ def markdown_table(path: Path, head: str) -> list[list[str]]:
     return rows
 
 
-def test_the_readmes_rates_of_the_paper_are_those_of_the_code():
-    rows = markdown_table(ROOT / "README.md", "| task | runs that succeed |")
+def test_the_rates_of_the_paper_are_those_of_the_code():
+    rows = markdown_table(ROOT / "docs/results.md", "| task | runs that succeed |")
     assert [cells[0] for cells in rows] == list(TASKS)
+    assert markdown_table(ROOT / "README.md", "| task | runs that succeed |") == [cells[:3] for cells in rows]
     for cells in rows:
         rates = [float(rate) for rate in cells[-1].split(",")]
         assert rates == [SUCCESS[cells[0], "translation"], SUCCESS[cells[0], "oracle"]], cells[0]

@@ -186,6 +186,6 @@ def test_the_packages_for_rendering_are_listed_once():
     naming = {name for name, text in texts.items() if any(package in text for package in gl.PACKAGES)}
     assert {name for name in naming if not name.startswith("tests/")} - {"CHANGELOG.md"} == {
         "stages/simulation/gl.py",
-        "README.md",  # for readers; it says what gl.py says:
+        "docs/get-started.md",  # for readers; it says what gl.py says:
     }
-    assert f"`{gl.INSTALL}`" in texts["README.md"]
+    assert f"`{gl.INSTALL}`" in texts["docs/get-started.md"]

@@ -56,7 +56,7 @@ class DemosConfig(Config):
     )
     demonstrator: str = option(
         "",
-        "Who demonstrates env:ID: MODULE:ATTR (a function of the observation, or an object with predict or get_action) "
+        "Demonstrator in env:ID; MODULE:ATTR (a function of the observation, or an object with predict or get_action) "
         "or a model saved by Stable-Baselines3 (.zip).",
         metavar="NAME",
     )

@@ -58,6 +58,18 @@ def test_resume_is_offered_where_there_are_checkpoints(run_ifo, wide, stage):
     assert ("--resume" in out) == (stage in ("train-expert", "train-translator", "learn-policy"))
 
 
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_help_shows_names_as_they_are_typed(run_ifo, wide, command):
+    """Rich replaces `:ID:` and the like by an emoji."""
+    _, out, _ = run_ifo(*filter(None, [command]), "--help")
+    assert [letter for letter in out if ord(letter) >= 0x1F000] == []
+
+
+def test_paragraphs_of_the_help_fill_the_width(run_ifo, wide):
+    _, out, _ = run_ifo("collect-demos", "--help")
+    assert "Only frames are recorded for learning: no actions and no states." in out
+
+
 def test_help_is_quick():
     def seconds():
         """Processor time, which a busy machine changes less than the time that passes."""
@@ -118,8 +130,8 @@ def test_completion_completes(line, expected):
     assert done.stdout.split() == [expected]
 
 
-def test_readme_lists_the_commands():
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+def test_the_documentation_lists_the_commands():
+    text = (ROOT / "docs/reference/commands.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\| `ifo ([a-z-]+)", text, re.M)
     assert listed == COMMANDS
 

@@ -264,9 +264,9 @@ def test_it_is_the_reward_that_learn_policy_learns_from(reach, pixels):
 
 
 @pytest.mark.gl
-def test_the_readmes_example_learns(reach, monkeypatch, tmp_path):
+def test_the_documented_example_learns(reach, monkeypatch, tmp_path):
     path = reach[2]
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs/how-to/other-libraries.md").read_text(encoding="utf-8")
     (code,) = (block for block in re.findall(r"```python\n(.*?)```", text, re.S) if "TranslationReward" in block)
     assert len([line for line in code.splitlines() if line]) <= 10
     (tmp_path / "runs").symlink_to(path.parent)
@@ -277,7 +277,7 @@ def test_the_readmes_example_learns(reach, monkeypatch, tmp_path):
     assert changes == 1
     start = time.monotonic()
     scope: dict = {}
-    exec(compile(short, "README.md", "exec"), scope)
+    exec(compile(short, "other-libraries.md", "exec"), scope)
     assert time.monotonic() - start < 15
     assert scope["model"].num_timesteps == 200
     scope["env"].close()
