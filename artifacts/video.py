@@ -206,12 +206,18 @@ def tile_videos(
     if not any(videos):
         raise ValueError("expected at least one video to tile")
     columns = max(map(len, cells))
-    for texts, count, what in ((labels, columns, "columns"), (row_labels, len(rows), "rows")):
-        if texts is not None and len(texts) != count:
-            raise ValueError(f"{len(texts)} labels for {count} {what}")
+    for given, count, what in ((labels, columns, "columns"), (row_labels, len(rows), "rows")):
+        if given is not None and len(given) != count:
+            raise ValueError(f"{len(given)} labels for {count} {what}")
     length = max(len(video) for row in videos for _, video in row)
-    heights = [scale * max((video.shape[1] for _, video in row), default=0) for row in videos]
-    widths = [scale * max((v.shape[2] for row in videos for k, v in row if k == i), default=0) for i in range(columns)]
+    heights = [scale * max((video.shape[1] for _, video in row), default=0) or LINE for row in videos]
+    widths = []
+    for i in range(columns):
+        column = [row[i] for row in cells if i < len(row)]
+        texts = [_text_width(cell) + 2 * MARGIN for cell in column if isinstance(cell, str)]
+        widths.append(
+            max((scale * v.shape[2] for v in column if not isinstance(v, str)), default=max(texts, default=0))
+        )
     left = max(map(_text_width, row_labels)) + 2 * MARGIN + gap if row_labels else 0
     header = caption(labels, widths, gap) if labels is not None else None
     top = 0 if header is None else header.shape[0] + gap

@@ -30,6 +30,7 @@ from ifo_cli import (
     train_translator,
     translate,
     verify,
+    view,
 )
 from ifo_cli.options import PRESET_NOTE
 from ifo_cli.streams import standard_streams
@@ -89,6 +90,7 @@ _register("learn-policy", learn_policy.learn_policy, learn_policy.EXAMPLES, PRES
 _register("evaluate", evaluate.evaluate, evaluate.EXAMPLES, PRESET_NOTE)
 _register("reproduce", reproduce.reproduce, reproduce.EXAMPLES, reproduce.NOTE)
 _register("report", report.report, report.EXAMPLES)
+_register("view", view.view, view.EXAMPLES)
 _register("inspect", inspect.inspect, inspect.EXAMPLES)
 _register("verify", verify.verify, verify.EXAMPLES)
 _register("check-task", check_task.check_task, check_task.EXAMPLES)

@@ -15,6 +15,7 @@ from stages.config.common import (
     ReportOptions,
     ReproduceOptions,
     TrainOptions,
+    ViewOptions,
 )
 from stages.config.demonstrations import ExportConfig, ImportConfig
 from stages.config.fields import Config, one_of, option
@@ -111,6 +112,7 @@ COMMANDS: dict[str, Command] = {
     "evaluate": Command(STAGES["evaluate"], CommonOptions, _STAGE),
     "reproduce": Command(ReproduceConfig, ReproduceOptions, ("preset", "seed", "dry_run", *_OUTPUT)),
     "report": Command(ReportConfig, ReportOptions, _OUTPUT),
+    "view": Command(Config, ViewOptions, ("out", "open", "json", "quiet")),
     "inspect": Command(Config, LookOptions, ("json",)),
     "verify": Command(Config, LookOptions, ()),
     "check-task": Command(Config, CheckOptions, ("seed", "out", "json")),

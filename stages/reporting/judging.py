@@ -16,6 +16,7 @@ from stages.environments.playing import Act, play
 from stages.environments.spec import EnvironmentSpec
 from stages.learners.policy import Policy, check_fits, first_observation, policy_video
 from stages.reporting.figures import figures, means
+from stages.reporting.plots import LABELS
 from stages.rewards.own import OwnReward
 from stages.runtime.seeding import generator, integer
 from stages.simulation.batch import rollout
@@ -26,7 +27,7 @@ from stages.simulation.render import RenderPool
 from stages.simulation.task import Task
 
 OUTCOMES = ("success", "env_return")  # of an episode in a Gymnasium environment
-CURVE = "normalised_distance", "final distance / initial distance"
+DISTANCE = "normalised_distance"
 
 
 class Judge(Protocol):
@@ -93,7 +94,7 @@ class Simulated:
         )
 
     def curve(self, sources: Sequence[Artifact]) -> tuple[str, str, float | None]:
-        return (*CURVE, self._task.success_threshold)
+        return DISTANCE, LABELS[DISTANCE], self._task.success_threshold
 
 
 def simulated_episodes(
@@ -160,9 +161,8 @@ class Foreign:
         return "; ".join(parts) + ("" if runs == 1 else f"; {runs} runs")
 
     def curve(self, sources: Sequence[Artifact]) -> tuple[str, str, float | None]:
-        if all("curve/success" in source for source in sources):
-            return "success", "success rate", None
-        return "env_return", "return of the environment's own reward", None
+        name = "success" if all("curve/success" in source for source in sources) else "env_return"
+        return name, LABELS[name], None
 
 
 def _check_fits(source: Artifact, env: ForeignEnvironment) -> None:
