@@ -10,7 +10,17 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from artifacts import COMMANDS, Artifact, PlatformError, UsageError, ancestors, check_data, read_artifact, sibling
+from artifacts import (
+    COMMANDS,
+    Artifact,
+    PlatformError,
+    UsageError,
+    ancestors,
+    check_data,
+    open_regular,
+    read_artifact,
+    sibling,
+)
 from artifacts.atomic import write_bytes
 from artifacts.lineage import MOST_READ, Ancestor
 from stages.reporting.description import (
@@ -77,10 +87,13 @@ def view(path: Path, out: Path | None, progress: Progress) -> StageResult:
 
 def _check_replaceable(out: Path) -> None:
     """Refuse to replace a file that is not a page of `ifo view`."""
-    if not os.path.lexists(out):
+    if not os.path.isfile(out):
+        if os.path.lexists(out):
+            raise UsageError(f"{out} exists, and is not a file: choose another --out")
         return
     try:
-        ours = os.path.isfile(out) and made_by_view(out.open("rb").read(HEAD))
+        with open_regular(out) as file:
+            ours = made_by_view(file.read(HEAD))
     except OSError as error:
         raise PlatformError(f"{out}: cannot be read ({error.strerror}): choose another --out") from error
     if not ours:

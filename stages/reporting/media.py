@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from artifacts import Artifact, ArtifactError, UsageError, contact_sheet, mp4_bytes, overview, png_bytes, sibling
+from stages.reporting import videos
 from stages.reporting.description import CURVE
 from stages.reporting.environment_runs import read_environment_runs, summarise_environments
 from stages.reporting.grids import SHOWN, translation_grid
@@ -18,7 +19,7 @@ from stages.reporting.records import of_environment
 from stages.reporting.rows import read_runs
 from stages.reporting.summary import summarise
 from stages.reporting.tables import environment_table, summary_table
-from stages.reporting.videos import Video, read_videos
+from stages.reporting.videos import Video
 
 MOST_READ = 2**26  # bytes of frames that are decoded for a picture
 MOST_DRAWN = 2**28  # bytes of the frames of a video before it is encoded
@@ -34,13 +35,27 @@ class Media:
     videos: list[Video] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
+    def draw(self, heading: str, caption: str, png: bytes) -> None:
+        """Add a plot or picture."""
+        if self._has_room(heading, png):
+            self.sections.append(Section(heading, caption, png))
+
     def show(self, title: str, frames: np.ndarray) -> None:
         """Add a video of frames (T, H, W, 3)."""
-        self.videos.append(Video("", title, None, mp4_bytes(frames)))
+        data = mp4_bytes(frames)
+        if self._has_room(title, data):
+            self.videos.append(Video("", title, None, data))
+
+    def _has_room(self, title: str, data: bytes) -> bool:
+        """Whether the page has room for a file; if not, says so."""
+        if self.size + len(data) <= videos.MOST_BYTES:
+            return True
+        self.notes.append(f"Left out because a page holds at most {videos.MOST_BYTES / 1e6:.0f} MB: {title}.")
+        return False
 
     def read(self, title: str, artifact: Artifact) -> None:
         """Add the MP4 next to an artifact."""
-        found = read_videos([("", title, sibling(artifact.path, ".mp4"))], self.size)
+        found = videos.read_videos([("", title, sibling(artifact.path, ".mp4"))], self.size)
         self.videos += found.shown
         self.notes += found.notes
 
@@ -71,7 +86,7 @@ def _of_learning(artifact: Artifact, media: Media) -> None:
         media.notes.append("The file has no learning curve.")
         return
     drawn = plot_learning_curves([artifact], None, curve, LABELS[curve])
-    media.sections.append(Section("Learning curve", f"{LABELS[curve]}, over samples.".capitalize(), drawn))
+    media.draw("Learning curve", f"{LABELS[curve]}, over samples.".capitalize(), drawn)
 
 
 def _of_policy(artifact: Artifact, media: Media) -> None:
@@ -90,7 +105,7 @@ def _of_demos(artifact: Artifact, media: Media) -> None:
     spread = np.unique(np.linspace(0, count - 1, min(SPREAD, count, affordable)).round().astype(int))
     sheet = contact_sheet(np.stack([artifact.read("frames", int(k)) for k in spread]), n=SPREAD)
     caption = "Demonstrations from all of the file, each as a strip of frames from its first to its last."
-    media.sections.append(Section("Demonstrations", caption, png_bytes(sheet)))
+    media.draw("Demonstrations", caption, png_bytes(sheet))
     first = artifact.read("frames", slice(min(FIRST, affordable)))
     media.show("The first demonstrations", overview(first))
 
@@ -105,7 +120,7 @@ def _of_translator(artifact: Artifact, media: Media) -> None:
         return
     drawn = plot_curves(artifact[f"{prefix}step"], {name.removeprefix(prefix): artifact[name] for name in shown})
     caption = "Losses on training and held-out videos, and errors on held-out videos, over training steps."
-    media.sections.append(Section("Training curves", caption, drawn))
+    media.draw("Training curves", caption, drawn)
 
 
 def _of_translation(artifact: Artifact, media: Media) -> None:
@@ -113,7 +128,7 @@ def _of_translation(artifact: Artifact, media: Media) -> None:
     quality = artifact.group("quality")
     if _is_quality(quality):
         caption = "Both terms of the reward, and the distance, of the expert, with noise, and of random actions."
-        media.sections.append(Section("The reward before learning", caption, plot_quality(quality)))
+        media.draw("The reward before learning", caption, plot_quality(quality))
     length, height, width = artifact.describe()["target_images"][0][:3]
     scale = _scale(height)
     if (SHOWN + 1) * 4 * length * height * width * 3 * scale**2 > MOST_DRAWN:

@@ -177,6 +177,12 @@ def test_a_page_holds_a_limited_number_of_bytes(write, page_of, monkeypatch):
     monkeypatch.setattr(videos, "MOST_BYTES", len(film) + plot - 1)
     page = page_of(path)
     assert embedded(page, "video/mp4") == [] and "Videos left out" in page
+    for small, kept in ((10**6, (1, 1)), (3000, (0, 1)), (0, (0, 0))):
+        monkeypatch.setattr(videos, "MOST_BYTES", small)
+        page = page_of(write("demos", frames=np.zeros((5, 8, 24, 24, 3), np.uint8)))
+        assert (len(embedded(page, "image/png")), len(embedded(page, "video/mp4"))) == kept
+        assert page.count("<li>Left out because a page holds at most") == 2 - sum(kept)
+    monkeypatch.undo()
     size = 8 * 24 * 24 * 3
     monkeypatch.setattr(media, "MOST_READ", 2 * size)
     page = page_of(write("demos"))
