@@ -30,16 +30,16 @@ PIECE = TILES[0] * TILES[1]
 FINE = {"offsamples": 4, "shadowsize": 1024, "numslices": 28, "numstacks": 16, "numquads": 4}
 
 
-def pieces(n_videos: int, n_frames: int) -> list[tuple[slice, slice]]:
-    """Split V videos of T frames into pieces that fit the buffer: slices of videos and of frames.
+def pieces(n_videos: int, n_frames: int, most: int = PIECE) -> list[tuple[slice, slice]]:
+    """Split V videos of T frames into pieces of at most `most` frames, which fit the buffer: slices of both.
 
     A frame's tile affects the rounding at its edges. The split therefore depends only on the shape, never on the number
     of processes: the same request gives the same bytes everywhere.
     """
-    if n_frames <= PIECE:
-        step = PIECE // n_frames
+    if n_frames <= most:
+        step = most // n_frames
         return [(slice(k, min(k + step, n_videos)), slice(0, n_frames)) for k in range(0, n_videos, step)]
-    cuts = [slice(k, min(k + PIECE, n_frames)) for k in range(0, n_frames, PIECE)]
+    cuts = [slice(k, min(k + most, n_frames)) for k in range(0, n_frames, most)]
     return [(slice(v, v + 1), cut) for v in range(n_videos) for cut in cuts]
 
 
@@ -75,7 +75,8 @@ class TileRenderer:
         self._data = mujoco.MjData(self._model)
         self._size, self._oversampling = (height, width), oversampling
         self._height, self._width = height * oversampling, width * oversampling
-        self._columns, self._rows = TILES
+        # If the buffer is not read back after each frame, some shadows have specks (Mesa 22.3).
+        self._columns, self._rows = (1, 1) if fine else TILES
         full_width, full_height = self._columns * self._width, self._rows * self._height
         self._model.vis.global_.offwidth = full_width
         self._model.vis.global_.offheight = full_height
@@ -121,7 +122,7 @@ class TileRenderer:
         out = np.empty((n_videos, n_frames, *self._size, 3), np.uint8)
         check_not_forked()
         self._gl.make_current()
-        for videos, frames in pieces(n_videos, n_frames):
+        for videos, frames in pieces(n_videos, n_frames, self._columns * self._rows):
             out[videos, frames] = self._draw({k: v[videos] for k, v in fields.items()}, qpos[videos, frames])
         return out
 

@@ -75,10 +75,24 @@ def test_a_film_of_a_task_shows_the_episode_and_the_normalized_distance(said, na
         initial, final = task.outcome(episode.distance[:, : step + 1])
         expected.append(f"distance {final[0] / initial[0]:.2f}")
     assert said == expected and len(set(said)) > 1
+    with closing(TileRenderer(task.model, 240, 240, task.camera, fine=True)) as renderer:
+        first = renderer.render(task.model_fields(context), episode.frame_qpos(task)[:, :1])[0, 0]
+    np.testing.assert_array_equal(film[0, :240], first)
     with closing(TileRenderer(task.model, *task.frame_size, task.camera)) as renderer:
         plain = renderer.render(task.model_fields(context), episode.frame_qpos(task))[0]
     small = film[:, :240].reshape(task.frames, 48, 5, 48, 5, 3).mean(axis=(2, 4))
     assert np.abs(small - plain).mean() < 12, "the same scene from the same viewpoint"
+
+
+@pytest.mark.gl
+def test_pictures_of_the_same_pose_are_equal():
+    """Shadows had specks in some frames when several were drawn before they were read back."""
+    task = make_task("reach")
+    context = learner_context(task, 4, distribution("paper"))
+    qpos = np.repeat(task.context_state(context)[0][:, None], 25, axis=1)
+    with closing(TileRenderer(task.model, 240, 240, fine=True)) as renderer:
+        drawn = renderer.render(task.model_fields(context), qpos)[0]
+    assert (drawn == drawn[0]).all()
 
 
 def test_a_film_of_an_environment_says_how_the_episode_ends(said):
