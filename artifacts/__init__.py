@@ -20,12 +20,15 @@ if TYPE_CHECKING:
     from artifacts.schema import Manifest, Parent
     from artifacts.store import Artifact, content_of, is_unchanged, read_artifact
     from artifacts.tree import pack, unpack
-    from artifacts.verification import VerifyReport, verify_artifact
+    from artifacts.verification import VerifyReport, check_data, verify_artifact
     from artifacts.video import (
         caption,
         contact_sheet,
         image_size,
+        mp4_bytes,
         open_video,
+        overview,
+        png_bytes,
         read_mp4,
         read_png,
         tile_videos,
@@ -49,12 +52,15 @@ _MODULE_OF = {
         "paths": ("default_path", "open_regular", "sha256_of", "sibling", "stem_of"),
         "store": ("Artifact", "content_of", "is_unchanged", "read_artifact"),
         "tree": ("pack", "unpack"),
-        "verification": ("VerifyReport", "verify_artifact"),
+        "verification": ("VerifyReport", "check_data", "verify_artifact"),
         "video": (
             "caption",
             "contact_sheet",
             "image_size",
+            "mp4_bytes",
             "open_video",
+            "overview",
+            "png_bytes",
             "read_mp4",
             "read_png",
             "tile_videos",
@@ -87,15 +93,19 @@ __all__ = [
     "atomic_folder",
     "atomic_path",
     "caption",
+    "check_data",
     "checkpoint_path",
     "contact_sheet",
     "content_of",
     "default_path",
     "image_size",
     "is_unchanged",
+    "mp4_bytes",
     "open_regular",
     "open_video",
+    "overview",
     "pack",
+    "png_bytes",
     "read_artifact",
     "read_checkpoint",
     "read_mp4",

@@ -10,7 +10,7 @@ from artifacts import hdf5
 from artifacts.kinds import KINDS
 from artifacts.layout import checked_names
 from artifacts.paths import parent_path
-from artifacts.store import check_finite, checked_parent, open_unchanged, read_artifact
+from artifacts.store import Artifact, check_finite, checked_parent, open_unchanged, read_artifact
 from artifacts.wording import undamaged
 
 
@@ -34,6 +34,20 @@ def verify_artifact(path: str | Path) -> VerifyReport:
       ArtifactError: The first problem, in one line.
     """
     artifact = read_artifact(path)
+    names = check_data(artifact)
+    parents = artifact.manifest.parents
+    for parent in {(parent_path(artifact.path, parent), parent.digest): parent for parent in parents}.values():
+        checked_parent(artifact.path, parent)
+    size = artifact.path.stat().st_size
+    return VerifyReport(artifact.path, artifact.kind, len(names), size, len(parents))
+
+
+def check_data(artifact: Artifact) -> list[str]:
+    """Read every dataset of an artifact in blocks, check its digest, and return the names of the datasets.
+
+    Raises:
+      ArtifactError: The first problem, in one line.
+    """
     digests = artifact.manifest.datasets
     with open_unchanged(artifact) as file:
         names = checked_names(file)
@@ -43,8 +57,4 @@ def verify_artifact(path: str | Path) -> VerifyReport:
                 digest = hdf5.dataset_digest(file[name], partial(check_finite, name) if must_be_finite else None)
                 if digest != digests.get(name) and digests:
                     raise OSError(hdf5.WRONG_DIGEST)
-    parents = artifact.manifest.parents
-    for parent in {(parent_path(artifact.path, parent), parent.digest): parent for parent in parents}.values():
-        checked_parent(artifact.path, parent)
-    size = artifact.path.stat().st_size
-    return VerifyReport(artifact.path, artifact.kind, len(names), size, len(parents))
+    return names

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+import tempfile
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 
 from artifacts.atomic import atomic_path, write_bytes
 from artifacts.encoding import CRF
-from artifacts.errors import ArtifactError
+from artifacts.errors import ArtifactError, PlatformError
 from artifacts.paths import open_regular, sibling
 
 MIN_HEIGHT = 192  # pixels; smaller videos are enlarged to at least this height
@@ -25,6 +26,7 @@ PNG_SIZE = struct.Struct(">II")  # width, height
 JPEG_SEGMENT = struct.Struct(">BBHxHH")  # 0xFF, type, length, bits per sample, height, width
 JPEG_SIZES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # types of the segments that record the size
 INK = (0, 0, 0)
+FONT_SIZE, LINE, MARGIN = 0.6, 24, 6  # of texts: scale of the font, height of a line and margin, pixels
 # The containers that can be read. Others are refused, because a playlist named x.mp4 would make FFmpeg open any file or
 # address that it lists.
 FORMATS = "mov,avi,matroska,gif,mpegts,mpeg,asf,flv,ogg"
@@ -62,6 +64,19 @@ def write_mp4(
                 container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
             container.mux(stream.encode())
     return Path(path)
+
+
+def mp4_bytes(frames: np.ndarray, fps: float = 10, min_height: int = MIN_HEIGHT) -> bytes:
+    """Return the MP4 that `write_mp4` writes.
+
+    Raises:
+      PlatformError: There is no room for it in the temporary folder.
+    """
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            return write_mp4(Path(folder) / "video.mp4", frames, fps, min_height).read_bytes()
+    except OSError as error:
+        raise PlatformError(f"no temporary file can be written ({error.strerror}): free some space") from error
 
 
 def open_video(path: str | Path) -> Any:
@@ -113,13 +128,18 @@ def read_mp4(path: str | Path) -> np.ndarray:
     return np.stack(frames)
 
 
-def write_png(path: str | Path, image: np.ndarray) -> Path:
-    """Write (H, W, 3) uint8 RGB as PNG, atomically."""
+def png_bytes(image: np.ndarray) -> bytes:
+    """Return (H, W, 3) uint8 RGB as PNG."""
     import cv2
 
     image = _checked(image, 3)
     _, data = cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))
-    return write_bytes(path, data.tobytes())
+    return data.tobytes()
+
+
+def write_png(path: str | Path, image: np.ndarray) -> Path:
+    """Write (H, W, 3) uint8 RGB as PNG, atomically."""
+    return write_bytes(path, png_bytes(image))
 
 
 def read_png(path: str | Path) -> np.ndarray:
@@ -162,43 +182,60 @@ def image_size(data: bytes) -> tuple[int, int] | None:
 
 
 def tile_videos(
-    rows: Sequence[Sequence[np.ndarray]],
+    rows: Sequence[Sequence[np.ndarray | str]],
     gap: int = 2,
     labels: Sequence[str] | None = None,
     scale: int = 4,
+    row_labels: Sequence[str] | None = None,
 ) -> np.ndarray:
     """Arrange videos in a grid, to compare them side by side.
 
     Args:
-      rows: Rows of videos (T, H, W, 3) or still images (H, W, 3); a shorter video repeats its last frame. Rows may
-        differ in length, and cells in size.
+      rows: Rows of videos (T, H, W, 3), still images (H, W, 3) or texts; a shorter video repeats its last frame. Rows
+        may differ in length, and cells in size.
       gap: Pixels between cells, in the output.
       labels: One text per column, drawn above it and shrunk to fit.
       scale: Integer factor by which every cell is enlarged, nearest neighbor.
+      row_labels: One text per row, drawn to its left.
 
     Returns:
       (T, H', W', 3) uint8, as long as the longest video.
     """
-    cells = [[_checked(v if np.ndim(v) == 4 else np.asarray(v)[None], 4) for v in row] for row in rows]
-    if not any(cells):
+    cells = [[cell if isinstance(cell, str) else _as_video(cell) for cell in row] for row in rows]
+    videos = [[(i, cell) for i, cell in enumerate(row) if not isinstance(cell, str)] for row in cells]
+    if not any(videos):
         raise ValueError("expected at least one video to tile")
     columns = max(map(len, cells))
-    if labels is not None and len(labels) != columns:
-        raise ValueError(f"{len(labels)} labels for {columns} columns")
-    length = max(len(video) for row in cells for video in row)
-    heights = [scale * max((video.shape[1] for video in row), default=0) for row in cells]
-    widths = [scale * max(row[i].shape[2] for row in cells if i < len(row)) for i in range(columns)]
+    for given, count, what in ((labels, columns, "columns"), (row_labels, len(rows), "rows")):
+        if given is not None and len(given) != count:
+            raise ValueError(f"{len(given)} labels for {count} {what}")
+    length = max(len(video) for row in videos for _, video in row)
+    heights = [scale * max((video.shape[1] for _, video in row), default=0) or LINE for row in videos]
+    widths = []
+    for i in range(columns):
+        column = [row[i] for row in cells if i < len(row)]
+        texts = [_text_width(cell) + 2 * MARGIN for cell in column if isinstance(cell, str)]
+        widths.append(
+            max((scale * v.shape[2] for v in column if not isinstance(v, str)), default=max(texts, default=0))
+        )
+    left = max(map(_text_width, row_labels)) + 2 * MARGIN + gap if row_labels else 0
     header = caption(labels, widths, gap) if labels is not None else None
     top = 0 if header is None else header.shape[0] + gap
     height = top + sum(heights) + gap * (len(cells) - 1)
-    canvas = np.full((length, height, sum(widths) + gap * (columns - 1), 3), BACKGROUND, np.uint8)
+    canvas = np.full((length, height, left + sum(widths) + gap * (columns - 1), 3), BACKGROUND, np.uint8)
     if header is not None:
-        canvas[:, : header.shape[0]] = header
-    for row, y in zip(cells, _offsets(heights, gap, top), strict=True):
-        for video, x in zip(row, _offsets(widths, gap), strict=False):
-            moments = np.minimum(np.arange(length), len(video) - 1)
-            h, w = video.shape[1] * scale, video.shape[2] * scale
-            canvas[:, y : y + h, x : x + w] = upscale(video, scale)[moments]
+        canvas[:, : header.shape[0], left:] = header
+    tops, lefts = _offsets(heights, gap, top), _offsets(widths, gap, left)
+    for k, text in enumerate(row_labels or ()):
+        canvas[:, tops[k] : tops[k] + heights[k], : left - gap] = text_card(text, heights[k], left - gap)
+    for row, y, row_height in zip(cells, tops, heights, strict=True):
+        for cell, x, width in zip(row, lefts, widths, strict=False):
+            if isinstance(cell, str):
+                canvas[:, y : y + row_height, x : x + width] = text_card(cell, row_height, width)
+                continue
+            moments = np.minimum(np.arange(length), len(cell) - 1)
+            h, w = cell.shape[1] * scale, cell.shape[2] * scale
+            canvas[:, y : y + h, x : x + w] = upscale(cell, scale)[moments]
     return canvas
 
 
@@ -223,6 +260,17 @@ def contact_sheet(frames: np.ndarray, n: int = 20, moments: int = 5) -> np.ndarr
     return tile_videos(rows, scale=2 if frames.shape[2] <= LARGE else 1)[0]
 
 
+def overview(videos: np.ndarray) -> np.ndarray:
+    """Arrange the first videos of (N, T, H, W, 3), uint8, in a grid; returns one video (T, H', W', 3)."""
+    height, width = videos.shape[2:4]
+    scale = max(1, MIN_HEIGHT // height)
+    columns = max(1, min(6, GRID_WIDTH // (scale * width)))
+    shown = list(videos[: 4 * columns])
+    rows = [shown[k : k + columns] for k in range(0, len(shown), columns)]
+    rows[-1] += [np.zeros_like(shown[0])] * (len(rows[0]) - len(rows[-1]))
+    return tile_videos(rows, scale=scale)
+
+
 def write_overview(artifact: str | Path, videos: np.ndarray) -> dict[str, str]:
     """Write files for inspection next to a demos artifact: a contact sheet, and an MP4 of the first videos in a grid.
 
@@ -233,14 +281,8 @@ def write_overview(artifact: str | Path, videos: np.ndarray) -> dict[str, str]:
     Returns:
       The paths, as `contact_sheet` and `video`.
     """
-    height, width = videos.shape[2:4]
-    scale = max(1, MIN_HEIGHT // height)
-    columns = max(1, min(6, GRID_WIDTH // (scale * width)))
-    shown = list(videos[: 4 * columns])
-    rows = [shown[k : k + columns] for k in range(0, len(shown), columns)]
-    rows[-1] += [np.zeros_like(shown[0])] * (len(rows[0]) - len(rows[-1]))
     sheet = write_png(sibling(artifact, ".png"), contact_sheet(videos, n=20))
-    video = write_mp4(sibling(artifact, ".mp4"), tile_videos(rows, scale=scale))
+    video = write_mp4(sibling(artifact, ".mp4"), overview(videos))
     return {"contact_sheet": str(sheet), "video": str(video)}
 
 
@@ -257,14 +299,29 @@ def _offsets(sizes: Sequence[int], gap: int, start: int = 0) -> list[int]:
 
 def caption(labels: Sequence[str], widths: Sequence[int], gap: int = 0) -> np.ndarray:
     """Return an image (24, W, 3), uint8, with one text per column, shrunk to fit."""
+    header = np.full((LINE, sum(widths) + gap * (len(widths) - 1), 3), BACKGROUND, np.uint8)
+    for text, x, width in zip(labels, _offsets(widths, gap), widths, strict=True):
+        header[:, x : x + width] = text_card(text, LINE, width)
+    return header
+
+
+def text_card(text: str, height: int, width: int) -> np.ndarray:
+    """Return an image (height, width, 3), uint8, with a text in its middle, shrunk to fit its width."""
     import cv2
 
-    font, size, height = cv2.FONT_HERSHEY_SIMPLEX, 0.6, 24
-    header = np.full((height, sum(widths) + gap * (len(widths) - 1), 3), BACKGROUND, np.uint8)
-    for text, x, width in zip(labels, _offsets(widths, gap), widths, strict=True):
-        (drawn, _), _ = cv2.getTextSize(text, font, size, 1)
-        fitted = size * min(1.0, (width - 4) / max(drawn, 1))
-        (drawn, tall), _ = cv2.getTextSize(text, font, fitted, 1)
-        at = (x + (width - drawn) // 2, (height + tall) // 2)
-        cv2.putText(header, text, at, font, fitted, INK, 1, cv2.LINE_AA)
-    return header
+    card = np.full((height, width, 3), BACKGROUND, np.uint8)
+    size = FONT_SIZE * min(1.0, max(width - 4, 1) / max(_text_width(text), 1))
+    (drawn, tall), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
+    at = ((width - drawn) // 2, (height + tall) // 2)
+    cv2.putText(card, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, INK, 1, cv2.LINE_AA)
+    return card
+
+
+def _text_width(text: str) -> int:
+    import cv2
+
+    return int(cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, FONT_SIZE, 1)[0][0])
+
+
+def _as_video(cell: np.ndarray) -> np.ndarray:
+    return _checked(cell if np.ndim(cell) == 4 else np.asarray(cell)[None], 4)

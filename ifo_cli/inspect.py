@@ -24,13 +24,9 @@ EXAMPLES = (
     "ifo inspect runs/reach-c0.policy.h5",
     "ifo inspect runs/reach-c0.evaluation.h5 --json",
 )
-KEY_FIGURES = ("metrics", "summary")  # groups in the configuration, or of datasets
-CURVE = "curve"  # group of datasets with learning curves, whose last values are shown
 NARROWEST = 100  # minimum width in columns of a table that is not printed to a terminal
 SHOWN_VALUES = 200  # of the configuration
-LONGEST_VALUE = 2000  # characters
 SHOWN_DATASETS = 40
-SHORT = 8  # maximum number of values of a dataset that are all shown
 
 
 @stage_command("inspect")
@@ -56,6 +52,8 @@ def inspect(
 
 def describe(artifact: Artifact) -> dict[str, Any]:
     """Return everything about an artifact except its data, as JSON-ready values."""
+    from stages.reporting.description import KEY_FIGURES, key_figures
+
     manifest = artifact.manifest
     datasets = [
         {
@@ -77,31 +75,10 @@ def describe(artifact: Artifact) -> dict[str, Any]:
         "command": manifest.command,
         "environment": dict(manifest.environment),
         "config": plain({k: v for k, v in manifest.config.items() if k not in KEY_FIGURES}),
-        "key_figures": _key_figures(artifact),
+        "key_figures": plain(key_figures(artifact)),
         "datasets": datasets,
         "lineage": list(_lineage(artifact)),
     }
-
-
-def _key_figures(artifact: Artifact) -> dict[str, Any]:
-    """Return the metrics in the configuration and in datasets; for a long series, only its last value."""
-    figures: dict[str, Any] = {}
-    for group in KEY_FIGURES:
-        found = artifact.config.get(group)
-        if isinstance(found, dict):
-            figures.update(plain(found))
-        for name in artifact.names(f"{group}/"):
-            values = artifact[name]
-            key = name.removeprefix(f"{group}/")
-            if values.ndim == 0 or (values.ndim == 1 and 1 < values.size <= SHORT):
-                figures[key] = plain(values)
-            elif values.ndim == 1 and values.size:
-                figures[key] = plain(values[-1])
-    for name in artifact.names(f"{CURVE}/"):
-        series = artifact[name]
-        if series.ndim == 1 and series.size:
-            figures[f"last {name.removeprefix(f'{CURVE}/')}"] = plain(series[-1])
-    return figures
 
 
 def _lineage(artifact: Artifact) -> Iterator[dict[str, Any]]:
@@ -124,6 +101,8 @@ def _as_text(report: dict[str, Any]) -> str:
     from rich.console import Console
     from rich.table import Table
 
+    from stages.reporting.description import value_text
+
     width = None if sys.stdout.isatty() else _width(report)
     console = Console(file=StringIO(), width=width, highlight=False, emoji=False)
 
@@ -144,7 +123,7 @@ def _as_text(report: dict[str, Any]) -> str:
     table("Artifact", origin)
     for title, values in (("Key figures", report["key_figures"]), ("Configuration", report["config"])):
         if values:
-            pairs = [(_value(name), _value(value)) for name, value in islice(values.items(), SHOWN_VALUES)]
+            pairs = [(value_text(name), value_text(value)) for name, value in islice(values.items(), SHOWN_VALUES)]
             table(title, [*pairs, *_more(len(values) - len(pairs), ("",))])
     rows: list[tuple[str, ...]] = [
         (item["name"], "x".join(map(str, item["shape"])) or "single", item["dtype"], size_text(item["bytes"]))
@@ -179,19 +158,3 @@ def _ancestor_note(entry: dict[str, Any]) -> str:
     if entry["state"] != "present":
         return str(entry["state"])
     return f"seed {entry['seed']}, {entry['created']}"
-
-
-def _value(value: Any) -> str:
-    """Return a value as text, of limited length."""
-    text = _whole_value(value)
-    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]} ... (--json shows all)"
-
-
-def _whole_value(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    if isinstance(value, list):
-        if len(value) > SHORT and isinstance(value[0], dict):
-            return f"{_value(value[:1])}, {len(value) - 1} more (--json shows all)"
-        return ", ".join(map(_value, value[:LONGEST_VALUE])) or "none"
-    return value if isinstance(value, str) else json.dumps(value)

@@ -33,6 +33,7 @@ from ifo_cli import (
     train_translator,
     translate,
     verify,
+    view,
 )
 from ifo_cli.options import PRESET_NOTE
 from ifo_cli.streams import standard_streams
@@ -100,6 +101,7 @@ _register("reproduce", reproduce.reproduce, reproduce.EXAMPLES, reproduce.NOTE)
 _register("report", report.report, report.EXAMPLES)
 _register("ls", ls.ls, ls.EXAMPLES)
 _register("gc", gc.gc, gc.EXAMPLES, gc.NOTE)
+_register("view", view.view, view.EXAMPLES)
 _register("inspect", inspect.inspect, inspect.EXAMPLES)
 _register("verify", verify.verify, verify.EXAMPLES)
 _register("check-task", check_task.check_task, check_task.EXAMPLES)

@@ -85,7 +85,7 @@ def evaluate(config: EvaluateConfig, run: RunOptions, policies: list[Path]) -> S
     curve, label, threshold = judge.curve(sources)
     write_bytes(sibling(out, ".png"), plot_learning_curves(sources, threshold, curve, label))
     labels = [stem_of(source.path)[-16:] for source in sources[:SHOWN]]
-    write_mp4(sibling(out, ".mp4"), tile_videos([videos], labels=labels), fps=10)
+    write_mp4(sibling(out, ".mp4"), tile_videos([videos], labels=labels, scale=1), fps=10)
     run.progress.say(f"evaluation: {judge.verdict(summary, len(sources))}")
     pictures = {"curves": str(sibling(out, ".png")), "video": str(sibling(out, ".mp4"))}
     curves = [name for name in CURVES if all(name in source for source in sources)]

@@ -59,7 +59,7 @@ class Place:
         arrays: What the policy's file holds of the place.
         outcomes: Figures of the learning curve that say how episodes ended.
         opened: Function that makes the environment to learn in, with its reward.
-        film: Function that films one deterministic episode of a policy: frames (T, H, W, 3).
+        film: Function that films one deterministic episode of a policy: pictures (T, H', W', 3) with captions.
     """
 
     task: str
@@ -83,6 +83,7 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
     """
     from stages.learners.loop import curve_arrays, learn
     from stages.learners.policy import Policy, policy_weights
+    from stages.reporting.films import captioned, enlarged
     from stages.runtime.devices import use_threads
     from stages.simulation.gl import choose_backend
 
@@ -106,11 +107,11 @@ def learn_policy(config: PolicyConfig, run: RunOptions, translation: Path) -> St
         described |= {"translation_metrics": _finite(source.group("metrics"))}
         checkpoints = Checkpoints(run, out, "learn-policy", described, [source])
         model, curve = learn(env, config, run, out, "learn-policy", checkpoints)
-    video = place.film(Policy.of(model))
-    shown = {"target": np.clip(source["target_images"], 0, 255).round().astype(np.uint8), "policy": video}
+    target = np.clip(source["target_images"], 0, 255).round().astype(np.uint8)
+    shown = {"target": captioned(enlarged(target)), "policy": place.film(Policy.of(model))}
     if "expert_frames" in source:
-        shown["expert here"] = source["expert_frames"]
-    write_mp4(sibling(out, ".mp4"), tile_videos([list(shown.values())], labels=list(shown)), fps=10)
+        shown["expert here"] = captioned(enlarged(source["expert_frames"]))
+    write_mp4(sibling(out, ".mp4"), tile_videos([list(shown.values())], labels=list(shown), scale=1), fps=10)
     final = {name: curve[name][-1] for name in place.outcomes if name in curve}
     figures = ", ".join(f"{OUTCOMES[name]} {value:.3f}" for name, value in final.items())
     run.progress.say(f"policy: {figures} in the last batch")
@@ -154,7 +155,7 @@ def _place(config: PolicyConfig, source: Artifact, run: RunOptions, workers: int
 def _simulated(config: PolicyConfig, source: Artifact, run: RunOptions, workers: int, device: str) -> Place:
     """The simulated task and context of a translation."""
     from stages.environments.simulated import Camera, SimulatedEnvironment
-    from stages.learners.policy import policy_video
+    from stages.reporting.films import film_task
     from stages.simulation.recorded import recorded_contexts
     from stages.simulation.registry import code_digest, make_task
     from stages.simulation.render import RenderPool
@@ -181,8 +182,7 @@ def _simulated(config: PolicyConfig, source: Artifact, run: RunOptions, workers:
             )
 
     def film(policy: Policy) -> np.ndarray:
-        with RenderPool.of(task, 1) as pool:
-            return policy_video(task, policy, contexts, pool)
+        return film_task(task, policy, contexts)
 
     context = {name: source.config[name] for name in ("context_seed", "contexts")}
     described = context | {"vary": source.config.get("vary", "")}
@@ -196,8 +196,8 @@ def _foreign(
     """The Gymnasium environment of a translation."""
     from stages.environments.foreign import ForeignEnvironment, processes_for
     from stages.environments.making import code_digest
-    from stages.environments.playing import play
     from stages.environments.scene import check_first_frame
+    from stages.reporting.films import film_environment
     from stages.rewards.own import OwnReward
 
     if config.reward not in FOREIGN_REWARDS:
@@ -228,8 +228,7 @@ def _foreign(
             yield env
 
     def film(policy: Policy) -> np.ndarray:
-        with closing(ForeignEnvironment(spec, 1, 1, OwnReward())) as env:
-            return play(env, policy.act)[0]
+        return film_environment(spec, policy)
 
     described = {"environment": spec.described(), "processes": processes}
     recipe = code_digest(spec.name, spec.success) | {"processes": str(processes)}

@@ -57,7 +57,7 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path, bas
     from stages.simulation.registry import known_defaults
     from stages.translation.alignment import require_tslearn, video_index
     from stages.translation.bases import architecture, base_weights, described_base
-    from stages.translation.evaluation import evaluate_translator
+    from stages.translation.evaluation import draw_translations, evaluate_translator
     from stages.translation.loop import FEWEST, held_out_count, train
     from stages.translation.training import TranslatorTraining, parallel_groups
 
@@ -105,7 +105,15 @@ def train_translator(config: TranslatorConfig, run: RunOptions, demos: Path, bas
         return evaluate_translator(model, videos, device)
 
     checkpoints = Checkpoints(run, out, "train-translator", described, parents)
-    curve = train(training, evaluate, run, out, checkpoints)
+    held_out_frames = frames[-held_out:]
+    curve = train(
+        training,
+        evaluate,
+        run,
+        out,
+        checkpoints,
+        lambda model: draw_translations(model, held_out_frames, device),
+    )
     if not run.processes.main:
         run.processes.finish()
         return StageResult(out, {})

@@ -17,7 +17,6 @@ from artifacts import (
     sha256_of,
     sibling,
     stem_of,
-    tile_videos,
     write_mp4,
 )
 from artifacts.atomic import write_bytes
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
     from stages.rewards.quality import Quality
     from stages.simulation.task import Task
 
-SHOWN = 4  # demonstrations shown in the MP4 grid
 CHUNK = 16  # demonstrations translated at a time
 
 
@@ -52,6 +50,7 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     from stages.environments.demonstrators import demonstrator_digest, load_demonstrator
     from stages.environments.making import code_digest
     from stages.environments.scene import as_filmed, first_scene, image_scene
+    from stages.reporting.grids import SHOWN, translation_grid
     from stages.reporting.plots import plot_quality
     from stages.rewards.quality import shown_tau
     from stages.rewards.tracking import motion
@@ -175,13 +174,8 @@ def translate(config: TranslateConfig, run: RunOptions, translator: Path) -> Sta
     described["contexts"], described["vary"] = ("", "") if contexts is None else _contexts_of(config, demos)
     if spec is not None:
         described["environment"] = spec.described()
-    mean = np.clip(arrays["target_images"], 0, 255).round().astype(np.uint8)
-    rows = [[frames[k], frame, arrays["images"][k]] for k in range(min(SHOWN, len(frames)))]
-    rows.append([np.zeros_like(frames[0]), frame, mean])
-    labels = ["source", "context", "target" if config.untranslated else "translation"]
-    if truth is not None:
-        rows, labels = [[*row, truth] for row in rows], [*labels, "expert here"]
-    write_mp4(sibling(out, ".mp4"), tile_videos(rows, labels=labels), fps=10)
+    grid = translation_grid(list(frames[:SHOWN]), arrays, len(frames), config.untranslated)
+    write_mp4(sibling(out, ".mp4"), grid, fps=10)
     pictures = {"video": str(sibling(out, ".mp4")), **({"plot": str(plot)} if quality is not None else {})}
     return output.write(
         arrays | {f"metrics/{name}": np.asarray(value) for name, value in metrics.items()},

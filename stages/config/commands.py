@@ -15,6 +15,7 @@ from stages.config.common import (
     ReportOptions,
     ReproduceOptions,
     TrainOptions,
+    ViewOptions,
 )
 from stages.config.demonstrations import ExportConfig, ImportConfig
 from stages.config.fields import Config, one_of, option
@@ -114,6 +115,7 @@ COMMANDS: dict[str, Command] = {
     "report": Command(ReportConfig, ReportOptions, _OUTPUT),
     "ls": Command(ListConfig, LookOptions, ("json",)),
     "gc": Command(CleanConfig, LookOptions, ("json",)),
+    "view": Command(Config, ViewOptions, ("out", "open", "json", "quiet")),
     "inspect": Command(Config, LookOptions, ("json",)),
     "verify": Command(Config, LookOptions, ()),
     "check-task": Command(Config, CheckOptions, ("seed", "out", "json")),

@@ -120,6 +120,17 @@ class ReportOptions(CommonOptions):
 
 
 @dataclass(frozen=True)
+class ViewOptions(CommonOptions):
+    """Options of view."""
+
+    out: Path | None = option(
+        None, "Page to write, ending in .html (default: NAME.KIND.html, next to the artifact).", metavar="PATH"
+    )
+    json: bool = option(False, "Print one JSON object instead of the path.", names=("--json",))
+    open: bool = option(False, "Open the page in a browser.", names=("--open",))
+
+
+@dataclass(frozen=True)
 class ReproduceOptions(CommonOptions):
     """Shared options of reproduce."""
 

@@ -162,6 +162,23 @@ def first_frame(env: gymnasium.Env, spec: EnvironmentSpec) -> np.ndarray:
         raise EnvironmentFault(fault(spec, env, where, error)) from error
 
 
+def picture_spec(spec: EnvironmentSpec, factor: int) -> EnvironmentSpec:
+    """The environment with frames `factor` times as large, or as many times as its images allow.
+
+    Raises:
+        EnvironmentFault: Its code fails.
+    """
+    height, width = spec.size
+    env = make_environment(replace(spec, size=(factor * height, factor * width)))
+    try:
+        first_frame(env, spec)
+        shown = rendered(env, spec).shape if spec.crop is None else (spec.crop.h, spec.crop.w)
+    finally:
+        env.close()
+    most = max(1, min(factor, shown[0] // height, shown[1] // width))
+    return replace(spec, size=(most * height, most * width))
+
+
 def _stretched(image: object, size: tuple[int, int]) -> bool:
     from stages.rewards.scene_checks import stretch_problem
 

@@ -60,7 +60,7 @@ def learn(
     try:
         with (
             undisguised_interrupts(),
-            TensorBoard(sibling(out, ".tensorboard"), done) as board,
+            TensorBoard(sibling(out, ".tensorboard"), done, checkpoints.config) as board,
             run.progress.bar(f"{stage} ({config.learner})", config.iterations, "iterations", done) as bar,
         ):
             bar.update(done)

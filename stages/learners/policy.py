@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
@@ -15,11 +15,7 @@ from stages.learners.algorithms import Learner
 from stages.learners.gps.controller import LinearGaussianController
 from stages.learners.gps.learner import GuidedPolicySearch
 from stages.runtime.trees import from_tree, to_tree
-from stages.simulation.contexts import Contexts
 from stages.simulation.task import Task
-
-if TYPE_CHECKING:
-    from stages.simulation.render import RenderPool
 
 
 def policy_weights(model: Learner) -> dict[str, np.ndarray]:
@@ -169,13 +165,3 @@ class ControllerPolicy(Policy):
         size = (len(own), self._controller.offsets.shape[1])
         drawn = torch.randn(size, generator=noise, dtype=torch.float64).numpy()
         return np.clip(self._controller.sample(step, own, drawn), -1, 1)
-
-
-def policy_video(task: Task, policy: Policy, contexts: Contexts, pool: RenderPool) -> np.ndarray:
-    """Video (T, H, W, 3) of one deterministic episode from the initial state of the context."""
-    from stages.simulation.batch import rollout
-
-    episode = rollout(
-        task, contexts, *task.context_state(contexts), lambda state, _: policy.act(task.observe(state)), 1
-    )
-    return pool.render(task.model_fields(contexts), episode.frame_qpos(task))[0]

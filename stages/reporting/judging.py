@@ -14,19 +14,20 @@ from stages.environments.foreign import ForeignEnvironment
 from stages.environments.making import code_digest as environment_digest
 from stages.environments.playing import Act, play
 from stages.environments.spec import EnvironmentSpec
-from stages.learners.policy import Policy, check_fits, first_observation, policy_video
+from stages.learners.policy import Policy, check_fits, first_observation
 from stages.reporting.figures import figures, means
+from stages.reporting.films import film_environment, film_task
+from stages.reporting.plots import LABELS
 from stages.rewards.own import OwnReward
 from stages.runtime.seeding import generator, integer
 from stages.simulation.batch import rollout
 from stages.simulation.contexts import Contexts, repeat
 from stages.simulation.recorded import recorded_contexts
 from stages.simulation.registry import code_digest, make_task
-from stages.simulation.render import RenderPool
 from stages.simulation.task import Task
 
 OUTCOMES = ("success", "env_return")  # of an episode in a Gymnasium environment
-CURVE = "normalised_distance", "final distance / initial distance"
+DISTANCE = "normalised_distance"
 
 
 class Judge(Protocol):
@@ -45,7 +46,7 @@ class Judge(Protocol):
         ...
 
     def video(self, source: Artifact, index: int) -> np.ndarray:
-        """Frames (T, H, W, 3) of one deterministic episode."""
+        """Pictures (T, H', W', 3) of one deterministic episode, with captions."""
         ...
 
     def figures(self, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
@@ -76,8 +77,7 @@ class Simulated:
         return simulated_episodes(self._task, Policy.load(source), contexts, episodes, seed, index)
 
     def video(self, source: Artifact, index: int) -> np.ndarray:
-        with RenderPool.of(self._task, 1) as pool:
-            return policy_video(self._task, Policy.load(source), recorded_contexts(source, self._task), pool)
+        return film_task(self._task, Policy.load(source), recorded_contexts(source, self._task))
 
     def figures(self, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
         threshold = self._task.success_threshold
@@ -93,7 +93,7 @@ class Simulated:
         )
 
     def curve(self, sources: Sequence[Artifact]) -> tuple[str, str, float | None]:
-        return (*CURVE, self._task.success_threshold)
+        return DISTANCE, LABELS[DISTANCE], self._task.success_threshold
 
 
 def simulated_episodes(
@@ -139,8 +139,7 @@ class Foreign:
         return found
 
     def video(self, source: Artifact, index: int) -> np.ndarray:
-        with closing(ForeignEnvironment(self._specs[index], 1, 1, OwnReward())) as env:
-            return play(env, Policy.load(source).act)[0]
+        return film_environment(self._specs[index], Policy.load(source))
 
     def figures(self, arrays: dict[str, np.ndarray]) -> dict[str, Any]:
         return means({name: arrays[name] for name in sorted(arrays) if name.partition("_stoch")[0] in OUTCOMES})
@@ -160,9 +159,8 @@ class Foreign:
         return "; ".join(parts) + ("" if runs == 1 else f"; {runs} runs")
 
     def curve(self, sources: Sequence[Artifact]) -> tuple[str, str, float | None]:
-        if all("curve/success" in source for source in sources):
-            return "success", "success rate", None
-        return "env_return", "return of the environment's own reward", None
+        name = "success" if all("curve/success" in source for source in sources) else "env_return"
+        return name, LABELS[name], None
 
 
 def _check_fits(source: Artifact, env: ForeignEnvironment) -> None:

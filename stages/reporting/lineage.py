@@ -79,7 +79,7 @@ def lineage(artifact: Artifact, anchor: str, runs: Sequence[PolicyRun], duplicat
         {
             "file": str(artifact.path),
             "sha256": sha256_of(artifact.path),
-            **_origin(artifact),
+            **origin_of(artifact),
             "environment": environment,
         },
         [_run_entry(run) for run in runs],
@@ -90,7 +90,7 @@ def lineage(artifact: Artifact, anchor: str, runs: Sequence[PolicyRun], duplicat
 def _run_entry(run: PolicyRun) -> RunEntry:
     heading = f"{run.name}: {run.method}, context {run.seed_of_context}, seed {run.recorded['seed']}: {run.verdict}"
     chain = [] if run.policy is None else list(ancestors(run.evaluation, [run.policy], check=True))
-    return RunEntry(heading, _figures(run), [_ancestor_entry(item) for item in chain])
+    return RunEntry(heading, _figures(run), [ancestor_entry(item) for item in chain])
 
 
 def _figures(run: PolicyRun) -> dict[str, str]:
@@ -105,14 +105,16 @@ def _figures(run: PolicyRun) -> dict[str, str]:
     }
 
 
-def _ancestor_entry(item: Ancestor) -> AncestorEntry:
+def ancestor_entry(item: Ancestor) -> AncestorEntry:
+    """What is known of a file that an artifact was made from."""
     facts = {"digest": item.parent.digest}
     if item.artifact is None:
         return AncestorEntry(item.parent.kind, str(item.path), STATES[item.state], facts)
-    return AncestorEntry(item.parent.kind, str(item.path), "", {**facts, **_origin(item.artifact)})
+    return AncestorEntry(item.parent.kind, str(item.path), "", {**facts, **origin_of(item.artifact)})
 
 
-def _origin(artifact: Artifact) -> dict[str, str]:
+def origin_of(artifact: Artifact) -> dict[str, str]:
+    """Command, seed, time and version with which a file was made."""
     manifest = artifact.manifest
     return {
         "command": manifest.command,

@@ -1,13 +1,14 @@
-"""The report as one self-contained HTML page, and as Markdown."""
+"""The report as one self-contained HTML page, and as Markdown; the page of one artifact."""
 
 from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stages.reporting.lineage import Lineage
+from stages.reporting.lineage import AncestorEntry, Lineage
 from stages.reporting.tables import Table, in_markdown
 from stages.reporting.videos import Video
 from stages.runtime.terminal import one_line
@@ -16,6 +17,10 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 MARK = "<!-- made by ifo report -->"  # first line of the Markdown: a file without it is not overwritten
+
+VIEWER = "ifo view"
+HEAD = 1000  # bytes at the start of a page, which contain GENERATOR
+GENERATOR = f'<meta name="generator" content="{VIEWER}">'  # in a page's head: a file without it is not overwritten
 
 # Sections in their order; each has a table, a plot or both.
 HEADINGS = {
@@ -52,6 +57,46 @@ CRITERIA = {  # how to read a section's table
 }
 
 
+@dataclass(frozen=True)
+class Section:
+    """A section of a page: a table with how to read it, a plot or picture (PNG) with its caption, or both."""
+
+    heading: str
+    caption: str = ""
+    png: bytes | None = None
+    table: Table | None = None
+    criterion: str = ""
+
+
+@dataclass(frozen=True)
+class View:
+    """What the page of one artifact shows. The texts are not escaped.
+
+    Attributes:
+        title: Its heading, the file's name.
+        origin: When and by what the page was made.
+        sentence: What the artifact is.
+        figures: Key figures, as texts.
+        sections: Tables, plots and pictures.
+        videos: In the order in which they are shown.
+        notes: What the reader must know of what is not shown.
+        origins: Command, seed, digest and the like of the file.
+        ancestors: The files that it was made from.
+        config: Its configuration, as texts.
+    """
+
+    title: str
+    origin: str
+    sentence: str
+    figures: dict[str, str]
+    sections: list[Section]
+    videos: list[Video]
+    notes: list[str]
+    origins: dict[str, str]
+    ancestors: list[AncestorEntry]
+    config: dict[str, str]
+
+
 def page(
     title: str,
     origin: str,
@@ -75,26 +120,44 @@ def page(
     by_task: dict[str, list[Video]] = {}
     for video in videos:
         by_task.setdefault(video.task, []).append(video)
-    sections = [
-        {
-            "heading": HEADINGS[name],
-            "table": tables.get(name),
-            "criterion": CRITERIA.get(name, ""),
-            "caption": CAPTIONS[name],
-            "png": plots.get(name),
-        }
-        for name in HEADINGS
-        if name in tables or name in plots
-    ]
-    return (
-        _templates()
-        .get_template("page.html")
-        .render(title=title, origin=origin, sections=sections, videos=by_task, lineages=lineages, notes=notes)
+    return _rendered(
+        "page.html",
+        generator="ifo report",
+        title=title,
+        origin=origin,
+        sections=sections_of(tables, plots),
+        videos=by_task,
+        lineages=lineages,
+        notes=notes,
     )
 
 
+def view_page(view: View) -> str:
+    """One artifact as one HTML page. No text needs to be escaped before."""
+    return _rendered("view.html", generator=VIEWER, **{item.name: getattr(view, item.name) for item in fields(view)})
+
+
+def made_by_view(data: bytes) -> bool:
+    """Whether a file that starts with `data` is a page of `view_page`."""
+    head, found, _ = data.partition(GENERATOR.encode())
+    return bool(found) and head.startswith(b"<!doctype html>\n") and b"<body" not in head
+
+
+def sections_of(tables: Mapping[str, Table], plots: Mapping[str, bytes]) -> list[Section]:
+    """Sections in their order, from tables by the names in `CRITERIA` and plots (PNGs) by the names in `HEADINGS`."""
+    return [
+        Section(HEADINGS[name], CAPTIONS[name], plots.get(name), tables.get(name), CRITERIA.get(name, ""))
+        for name in HEADINGS
+        if name in tables or name in plots
+    ]
+
+
+def _rendered(template: str, **values: Any) -> str:
+    return _templates().get_template(template).render(**values)
+
+
 def _templates() -> Environment:
-    """The page's templates; whatever they are given is escaped, for HTML and where it is not printable."""
+    """The templates of pages; whatever they are given is escaped, for HTML and where it is not printable."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(

@@ -22,6 +22,13 @@ LEGEND_LINE = 0.15  # inches, height of a legend line
 BAR = 0.34  # inches, height of a bar with its gap
 WIDTH = 7.6  # inches, width of bar plots
 LONGEST_LABEL = 80  # characters; a longer one would leave no room for the plot
+MOST_PANELS = 12  # panels of training curves
+# Learning curves, in the order in which they say most of how a policy acts, and the labels of their axes.
+LABELS = {
+    "normalised_distance": "final distance / initial distance",
+    "success": "success rate",
+    "env_return": "return of the environment's own reward",
+}
 ABLATED = "translation"  # prefix of the names of the method and of its ablations
 
 
@@ -64,7 +71,7 @@ def _learned(summaries: Sequence[EnvironmentSummary], task: str) -> list[_Learne
     """Success rates, if all runs in an environment have them, or else returns; no curves if none has any."""
     group = [item for item in summaries if item.task == task]
     rated = all(run.success_curve.curve.size for item in group for run in item.runs)
-    label = "success rate" if rated else "return of the environment's own reward"
+    label = LABELS["success" if rated else "env_return"]
     found = [
         _Learned(task, item.method, tuple(run.success_curve if rated else run.return_curve for run in item.runs), label)
         for item in group
@@ -194,12 +201,12 @@ def plot_learning_curves(
     policies: Sequence[Artifact],
     threshold: float | None,
     curve: str = "normalised_distance",
-    label: str = "final distance / initial distance",
+    label: str = LABELS["normalised_distance"],
 ) -> bytes:
     """A PNG of policies' learning curves over samples, one line per policy.
 
     Args:
-        policies: The policies.
+        policies: The policies, or experts.
         threshold: Value below which a run succeeds; None: there is none.
         curve: Name of the curve.
         label: Label of its axis.
@@ -207,12 +214,39 @@ def plot_learning_curves(
     pyplot = _pyplot()
     figure, axes = pyplot.subplots(figsize=(7, 4.5), dpi=120)
     for policy in policies:
-        shown = f"{stem_of(policy.path)} ({policy.config['reward']})"
-        axes.plot(policy["curve/samples"], policy[f"curve/{curve}"], label=_plain(shown))
+        reward = policy.config.get("reward")
+        shown = _plain(stem_of(policy.path) + (f" ({reward})" if reward else ""))
+        axes.plot(policy["curve/samples"], policy[f"curve/{curve}"], label=shown)
     if threshold is not None:
         axes.axhline(threshold, color="grey", linestyle="--", linewidth=1, label=f"success below {threshold}")
     axes.set(xlabel="samples", ylabel=label, **({} if threshold is None else {"ylim": (0, None)}))
     axes.legend(fontsize=7)
+    return _png(figure)
+
+
+def plot_curves(steps: np.ndarray, curves: Mapping[str, np.ndarray]) -> bytes:
+    """A PNG of training curves over steps (I,), one panel per measure.
+
+    Args:
+        steps: Steps (I,) at which the curves were measured.
+        curves: Values (I,) by name: `held_out/psnr` and `held_out/copy_psnr` share the panel `psnr`.
+    """
+    panels: dict[str, list[str]] = {}
+    for name in curves:
+        panels.setdefault(name.rpartition("/")[2].removeprefix("copy_"), []).append(name)
+    shown = list(panels.items())[:MOST_PANELS]
+    columns = min(3, len(shown))
+    rows = math.ceil(len(shown) / columns)
+    figure, axes = _pyplot().subplots(rows, columns, figsize=(3.7 * columns, 2.7 * rows), dpi=110, squeeze=False)
+    for panel in axes.flat[len(shown) :]:
+        panel.set_visible(False)
+    for panel, (measure, names) in zip(axes.flat, shown, strict=False):
+        for name in names:
+            panel.plot(steps, curves[name], marker="." if len(steps) < 30 else "", label=_plain(name))
+        panel.set_title(_plain(measure), fontsize=9, loc="left")
+        panel.set_xlabel("steps", fontsize=8)
+        panel.tick_params(labelsize=8)
+        panel.legend(fontsize=7)
     return _png(figure)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,11 +15,11 @@ MOST_TRANSLATIONS = 4  # per task
 
 @dataclass(frozen=True)
 class Video:
-    """An MP4 and what it shows."""
+    """An MP4 and what it shows; `path` is its file, None if there is none."""
 
     task: str
     title: str
-    path: Path
+    path: Path | None
     data: bytes
 
 
@@ -38,10 +38,13 @@ def collect_videos(evaluations: Sequence[Artifact], runs: Sequence[PolicyRun]) -
         evaluations: In the order in which their videos are shown.
         runs: All runs that count.
     """
+    return read_videos([*_evaluation_videos(evaluations, runs), *_translation_videos(runs)])
+
+
+def read_videos(wanted: Iterable[tuple[str, str, Path]], total: int = 0) -> Videos:
+    """Read MP4s, given as (task, title, path), up to `MOST_BYTES`, of which the page already holds `total`."""
     shown: list[Video] = []
     missing, left_out = [], []
-    total = 0
-    wanted = [*_evaluation_videos(evaluations, runs), *_translation_videos(runs)]
     for task, title, path in wanted:
         try:
             size = path.stat().st_size

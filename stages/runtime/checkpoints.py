@@ -24,12 +24,16 @@ from stages.runtime.run import RunOptions
 
 
 class Checkpoints:
-    """The checkpoint of one run of a stage."""
+    """The checkpoint of one run of a stage.
+
+    Attributes:
+        config: The complete configuration of the run.
+    """
 
     def __init__(
         self, run: RunOptions, out: Path, stage: str, config: dict[str, Any], parents: Sequence[Path | Artifact]
     ):
-        self._run, self._out, self._stage, self._config = run, out, stage, config
+        self._run, self._out, self._stage, self.config = run, out, stage, config
         # Opened only once, so that digests are not computed again and a file that replaces a parent is not recorded.
         self._parents = [parent if isinstance(parent, Artifact) else read_artifact(parent) for parent in parents]
         self._path = checkpoint_path(out)
@@ -48,7 +52,7 @@ class Checkpoints:
             return None
         manifest, state = read_checkpoint(self._path, stage=self._stage)
         found = manifest.config
-        other = sorted(key for key in found.keys() | self._config.keys() if found.get(key) != self._config.get(key))
+        other = sorted(key for key in found.keys() | self.config.keys() if found.get(key) != self.config.get(key))
         if manifest.seed != self._run.seed:
             other.append("seed")
         if len(manifest.parents) != len(self._parents) or not all(map(is_unchanged, manifest.parents, self._parents)):
@@ -82,7 +86,7 @@ class Checkpoints:
             self._path,
             state,
             stage=self._stage,
-            config=self._config,
+            config=self.config,
             seed=self._run.seed,
             command=self._run.command,
             parents=self._parents,

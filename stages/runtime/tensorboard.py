@@ -1,27 +1,33 @@
-"""Scalars for TensorBoard, in a folder next to the artifact."""
+"""Scalars, the configuration and pictures for TensorBoard, in a folder next to the artifact."""
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import shutil
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from artifacts import PlatformError
 from artifacts.usage import InUse
 
 
 class TensorBoard:
-    """Writer of scalars, used as a context manager; scalars that an earlier run wrote after step `done` are hidden.
+    """Writer of scalars and pictures, used as a context manager.
+
+    What an earlier run wrote after step `done` is hidden. The configuration is shown as text.
 
     Raises:
         PlatformError: The folder cannot be written. Every method may raise it.
     """
 
-    def __init__(self, folder: Path, done: int = 0):
+    def __init__(self, folder: Path, done: int = 0, config: Mapping[str, Any] | None = None):
         os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
         from torch.utils.tensorboard import SummaryWriter
 
@@ -32,6 +38,8 @@ class TensorBoard:
             try:
                 with self._writing():
                     self._writer = SummaryWriter(str(folder), purge_step=done + 1 if done else 0)
+                    if config and not done:  # A resumed run has the same configuration.
+                        self._writer.add_text("configuration", _code(config), 0)
             except PlatformError:
                 if made:
                     shutil.rmtree(folder, ignore_errors=True)
@@ -45,6 +53,11 @@ class TensorBoard:
             for name, value in row.items():
                 if math.isfinite(value):
                     self._writer.add_scalar(name, value, step)
+
+    def show(self, step: int, name: str, picture: np.ndarray) -> None:
+        """Write a picture (H, W, 3), uint8."""
+        with self._writing():
+            self._writer.add_image(name, picture, step, dataformats="HWC")
 
     def __enter__(self) -> TensorBoard:
         return self
@@ -62,6 +75,12 @@ class TensorBoard:
             raise PlatformError(
                 f"{self._folder}: cannot be written ({reason}): free some space or choose another location"
             ) from error
+
+
+def _code(config: Mapping[str, Any]) -> str:
+    """A configuration as JSON in a code block of Markdown, in which nothing is interpreted."""
+    lines = json.dumps(config, indent=2, default=str).splitlines()
+    return "\n".join(f"    {line}" for line in lines)
 
 
 @contextmanager

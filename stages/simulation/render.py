@@ -25,18 +25,21 @@ if TYPE_CHECKING:
 DEAD_WORKER = "a render process died: run `ifo doctor`, or reduce --workers if memory is short"
 TILES = (8, 8)  # columns, rows of the buffer: larger is no faster
 PIECE = TILES[0] * TILES[1]
+# Fields of MjModel.vis.quality for pictures: MuJoCo's own values, except that its shadows of 4096 pixels would take two
+# to three times as long without a GPU (results/LOG.md, "Pictures of policies").
+FINE = {"offsamples": 4, "shadowsize": 1024, "numslices": 28, "numstacks": 16, "numquads": 4}
 
 
-def pieces(n_videos: int, n_frames: int) -> list[tuple[slice, slice]]:
-    """Split V videos of T frames into pieces that fit the buffer: slices of videos and of frames.
+def pieces(n_videos: int, n_frames: int, most: int = PIECE) -> list[tuple[slice, slice]]:
+    """Split V videos of T frames into pieces of at most `most` frames, which fit the buffer: slices of both.
 
     A frame's tile affects the rounding at its edges. The split therefore depends only on the shape, never on the number
     of processes: the same request gives the same bytes everywhere.
     """
-    if n_frames <= PIECE:
-        step = PIECE // n_frames
+    if n_frames <= most:
+        step = most // n_frames
         return [(slice(k, min(k + step, n_videos)), slice(0, n_frames)) for k in range(0, n_videos, step)]
-    cuts = [slice(k, min(k + PIECE, n_frames)) for k in range(0, n_frames, PIECE)]
+    cuts = [slice(k, min(k + most, n_frames)) for k in range(0, n_frames, most)]
     return [(slice(v, v + 1), cut) for v in range(n_videos) for cut in cuts]
 
 
@@ -47,9 +50,23 @@ class TileRenderer:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, height: int, width: int, camera: str | int = "context", oversampling: int = 1
+        self,
+        model: mujoco.MjModel,
+        height: int,
+        width: int,
+        camera: str | int = "context",
+        oversampling: int = 1,
+        fine: bool = False,
     ):
-        """Prepare to render `camera` (a name or an id). Each pixel averages `oversampling` squared samples."""
+        """Prepare to render.
+
+        Args:
+            model: The model; it is copied.
+            height, width: Size of a frame, pixels.
+            camera: Name or id of the camera.
+            oversampling: Each pixel averages `oversampling` squared samples.
+            fine: Render as for people: with shadows, multisampling and finer meshes.
+        """
         import mujoco
 
         check_not_forked()
@@ -58,10 +75,15 @@ class TileRenderer:
         self._data = mujoco.MjData(self._model)
         self._size, self._oversampling = (height, width), oversampling
         self._height, self._width = height * oversampling, width * oversampling
-        self._columns, self._rows = TILES
+        # If the buffer is not read back after each frame, some shadows have specks (Mesa 22.3).
+        self._columns, self._rows = (1, 1) if fine else TILES
         full_width, full_height = self._columns * self._width, self._rows * self._height
         self._model.vis.global_.offwidth = full_width
         self._model.vis.global_.offheight = full_height
+        if fine:
+            quality = self._model.vis.quality
+            for name, value in FINE.items():
+                setattr(quality, name, value)
         self._gl: Any = None
         try:
             self._gl = mujoco.GLContext(full_width, full_height)
@@ -75,7 +97,7 @@ class TileRenderer:
             ) from error
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._render_context)
         self._scene = mujoco.MjvScene(self._model, maxgeom=max(64, 2 * self._model.ngeom))
-        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = fine
         self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
         self._options = mujoco.MjvOption()
         self._perturb = mujoco.MjvPerturb()
@@ -100,7 +122,7 @@ class TileRenderer:
         out = np.empty((n_videos, n_frames, *self._size, 3), np.uint8)
         check_not_forked()
         self._gl.make_current()
-        for videos, frames in pieces(n_videos, n_frames):
+        for videos, frames in pieces(n_videos, n_frames, self._columns * self._rows):
             out[videos, frames] = self._draw({k: v[videos] for k, v in fields.items()}, qpos[videos, frames])
         return out
 

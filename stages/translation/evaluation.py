@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from artifacts import tile_videos
 from stages.translation.layers import evaluating
 from stages.translation.metrics import feature_ratio, psnr, squared_error, ssim
-from stages.translation.networks import Translator, to_images
+from stages.translation.networks import Translator, to_frames, to_images
 
 CHUNK = 8  # videos evaluated at once
+DRAWN, MOMENTS = 3, 5  # translations in a picture, and frames of each
+DRAWN_HEIGHT = 96  # pixels; smaller frames are enlarged to about this height
 
 
 @torch.no_grad()
@@ -62,3 +66,30 @@ def _evaluate(model: Translator, frames: Tensor, device: str) -> dict[str, float
             totals.setdefault(name, []).append(value.flatten())
     joined = {name: torch.cat(parts) for name, parts in totals.items()}
     return {name: float(v.median() if name == "feature_ratio" else v.mean()) for name, v in joined.items()}
+
+
+@torch.no_grad()
+def draw_translations(model: Translator, frames: Tensor, device: str) -> np.ndarray:
+    """Draw the first held-out demonstrations translated as by `evaluate_translator`.
+
+    Args:
+        model: The translator.
+        frames: Held-out demonstrations (N, T, H, W, 3), uint8; at least two.
+        device: Torch device of the model.
+
+    Returns:
+        A picture (H', W', 3), uint8: for each translation, rows of frames at evenly spaced times of the source, of the
+        translation, and of the true video in that context.
+    """
+    count = len(frames)
+    moments = torch.linspace(0, frames.shape[1] - 1, min(MOMENTS, frames.shape[1])).round().long()
+    rows: list[list[np.ndarray | str]] = []
+    with evaluating(model):
+        for k in range(min(DRAWN, count)):
+            source, truth = frames[(k + 1) % count][moments], frames[k][moments]
+            context = model.encode_context(to_images(frames[k][:1].to(device)))
+            translated = model.decode(model.translate(model.encode(to_images(source.to(device))), context), context)
+            for shown in (source, to_frames(translated.cpu()), truth):
+                rows.append(list(shown.numpy()))
+    labels = ["source", "translation", "true video"] * (len(rows) // 3)
+    return tile_videos(rows, scale=max(1, DRAWN_HEIGHT // frames.shape[2]), row_labels=labels)[0]

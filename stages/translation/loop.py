@@ -8,6 +8,7 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 
+import numpy as np
 from torch import Tensor
 
 from artifacts import UsageError, sibling
@@ -19,6 +20,7 @@ from stages.translation.networks import Translator
 from stages.translation.training import TranslatorTraining
 
 SHOW_EVERY = 0.2  # minimum seconds between updates of the progress bar; each update waits for the GPU to read losses
+PICTURES = 20  # of held-out translations over a training run
 FEWEST = 4  # minimum number of demonstrations: two for training, two held out
 
 
@@ -28,6 +30,7 @@ def train(
     run: RunOptions,
     out: Path,
     checkpoints: Checkpoints,
+    draw: Callable[[Translator], np.ndarray] | None = None,
 ) -> dict[str, list[float]]:
     """Train up to the last step, starting from the checkpoint if the run resumes one.
 
@@ -39,6 +42,8 @@ def train(
         run: Options of the run.
         out: Path of the output artifact.
         checkpoints: Checkpoints of the run.
+        draw: Function from the averaged network to a picture (H, W, 3), uint8, of held-out translations, which
+            TensorBoard shows at up to `PICTURES` of the evaluations.
 
     Afterwards, `training.average` has the weights that `config.keep` asks for.
 
@@ -52,6 +57,7 @@ def train(
     """
     config = training.config
     curve: dict[str, list[float]] = {}
+    drawn_every = config.evaluate_every * max(1, math.ceil(config.steps / config.evaluate_every / PICTURES))
     before, since = 0.0, time.monotonic()
     if (state := checkpoints.start()) is not None:
         with checkpoints.restoring():
@@ -82,13 +88,15 @@ def train(
             curve.setdefault(name, []).append(value)
         if board is not None:
             board.write(training.step, row)
+            if draw is not None and (training.step % drawn_every == 0 or training.step == config.steps):
+                board.show(training.step, "held-out translations", draw(training.average))
 
     since = start = shown_at = time.monotonic()
-    first = training.step
+    first, folder = training.step, sibling(out, ".tensorboard")
     try:
         with (
             undisguised_interrupts(),
-            TensorBoard(sibling(out, ".tensorboard"), training.step) if main else nullcontext() as board,
+            TensorBoard(folder, training.step, checkpoints.config) if main else nullcontext() as board,
             run.progress.bar(f"train-translator ({config.arch})", config.steps, "steps", training.step) as bar,
         ):
             if config.steps == 0 and main:

@@ -12,6 +12,8 @@ from artifacts import (
     ArtifactError,
     PlatformError,
     contact_sheet,
+    mp4_bytes,
+    png_bytes,
     read_mp4,
     read_png,
     tile_videos,
@@ -138,6 +140,38 @@ def test_labels_stand_above_their_columns():
     assert ink[:128].any() and ink[130:].any() and not ink[128:130].any()
     with pytest.raises(ValueError, match="1 labels for 2 columns"):
         tile_videos([videos], labels=["one"])
+
+
+def test_rows_have_labels_and_cells_may_be_texts():
+    video = moving_square(3)
+    plain = tile_videos([[video, video], [video, video]])
+    labelled = tile_videos([[video, video], ["mean of 8", video]], row_labels=["demo 12", "target"])
+    left = labelled.shape[2] - plain.shape[2]
+    np.testing.assert_array_equal(labelled[:, :96, left:], plain[:, :96])
+    np.testing.assert_array_equal(labelled[:, 98:, left + 130 :], plain[:, 98:, 130:])
+    for y, x, width in ((0, 0, left), (98, 0, left), (98, left, 128)):
+        cell = labelled[:, y : y + 96, x : x + width]
+        ink = (cell < 128).all(axis=-1)
+        rows, columns = np.flatnonzero(ink[0].any(axis=1)), np.flatnonzero(ink[0].any(axis=0))
+        assert (cell[0] == cell[-1]).all() and len(rows) >= 8, "legible, and in every frame"
+        assert 30 < rows.mean() < 66 and columns[0] > 2 and columns[-1] < width - 2, "in the middle, not cut off"
+        assert (cell[0, 0] == 255).all()
+    with pytest.raises(ValueError, match="1 labels for 2 rows"):
+        tile_videos([[video], [video]], row_labels=["one"])
+    with pytest.raises(ValueError, match="at least one video"):
+        tile_videos([["text"]])
+
+
+def test_pictures_and_videos_for_pages_are_those_of_the_files(tmp_path):
+    video = moving_square(3)
+    assert mp4_bytes(video) == write_mp4(tmp_path / "a.mp4", video).read_bytes()
+    assert png_bytes(video[0]) == write_png(tmp_path / "a.png", video[0]).read_bytes()
+
+
+def test_no_room_for_a_temporary_file_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
+    with pytest.raises(PlatformError, match="no temporary file can be written"):
+        mp4_bytes(moving_square(1))
 
 
 def test_a_contact_sheet_shows_first_and_last_of_each():

@@ -10,15 +10,15 @@ from stages import evaluate as module
 from stages.config.stages import EvaluateConfig
 from stages.evaluate import evaluate
 from stages.learners.gps.controller import LinearGaussianController
-from stages.learners.policy import Policy, policy_video
+from stages.learners.policy import Policy
 from stages.reporting.figures import figures
+from stages.reporting.films import film_task
 from stages.reporting.intervals import bootstrap_mean
 from stages.reporting.judging import simulated_episodes
 from stages.runtime.progress import Progress
 from stages.runtime.run import RunOptions
 from stages.runtime.seeding import integer
 from stages.simulation.registry import distribution, learner_context, make_task
-from stages.simulation.render import RenderPool
 
 pytestmark = pytest.mark.gl
 CONFIG = EvaluateConfig(episodes=3)
@@ -149,9 +149,9 @@ def test_the_video_shows_the_first_policies_side_by_side(policy, task, context, 
     monkeypatch.setattr(module, "SHOWN", 2)
     paths = [policy(name, torque) for name, torque in (("a-rather-long-name-of-a-run", 0.3), ("b", -0.3), ("c", 0.9))]
     result = evaluate(EvaluateConfig(episodes=1), run(tmp_path / "x.evaluation.h5"), paths)
-    with RenderPool.of(task, 1) as pool:
-        films = [policy_video(task, Policy.load(read_artifact(path)), context, pool) for path in paths[:2]]
-    expected = tile_videos([films], labels=["-long-name-of-a-run"[-16:], "b"])
+    shown = [film_task(task, Policy.load(read_artifact(path)), context) for path in paths[:2]]
+    expected = tile_videos([shown], labels=["-long-name-of-a-run"[-16:], "b"], scale=1)
+    assert expected.shape[1:3] == (24 + 2 + 264, 2 * 240 + 2)
     shown = read_mp4(result.summary["video"])
     assert shown.shape == expected.shape
     assert np.abs(shown.astype(float) - expected).mean() < 4

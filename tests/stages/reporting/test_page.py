@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import html
 import re
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -16,6 +15,7 @@ from stages.reporting import videos
 from stages.reporting.rows import read_runs
 from stages.runtime.progress import Progress
 from stages.runtime.terminal import one_line
+from tests.stages.reporting.markup import HOSTILE, Tags
 
 MOVING = np.random.default_rng(0).integers(0, 255, (8, 24, 24, 3), dtype=np.uint8)
 
@@ -89,24 +89,6 @@ def test_nothing_unprintable_reaches_a_file(evaluation, make_report, tmp_path):
         assert "\\u001b" in text and all(line.isprintable() for line in text.split("\n"))
     for plot in (tmp_path / "out").glob("*.png"):
         assert read_png(plot).shape[0] < 1000
-
-
-HOSTILE = """<script>alert("1")</script><b a='>"""
-
-
-class Tags(HTMLParser):
-    """The tags of a page, and the texts between them."""
-
-    def __init__(self, page):
-        super().__init__()
-        self.tags, self.texts = set(), []
-        self.feed(page)
-
-    def handle_starttag(self, tag, attributes):
-        self.tags.add(tag)
-
-    def handle_data(self, text):
-        self.texts.append(text)
 
 
 def leaves(value, path=()):

@@ -1,9 +1,13 @@
 """What cannot be written is one line, whoever fails to write it."""
 
+import json
 import os
 import threading
 
+import cv2
+import numpy as np
 import pytest
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from artifacts import PlatformError
 from artifacts.usage import is_used
@@ -62,3 +66,28 @@ def test_its_folder_is_marked_as_used(tmp_path):
     with TensorBoard(tmp_path / "x.tensorboard"):
         assert is_used(tmp_path / "x.tensorboard")
     assert not is_used(tmp_path / "x.tensorboard")
+
+
+def test_the_configuration_is_shown_as_text_in_which_nothing_is_interpreted(tmp_path):
+    config = {"task": "a|b</code><script>", "steps": 3, "without": ["img"]}
+    for done in (0, 5):
+        with TensorBoard(tmp_path / f"{done}.tensorboard", done, config):
+            pass
+        found = EventAccumulator(str(tmp_path / f"{done}.tensorboard")).Reload()
+        assert found.Tags()["tensors"] == ([] if done else ["configuration/text_summary"])
+    found = EventAccumulator(str(tmp_path / "0.tensorboard")).Reload()
+    [event] = found.Tensors("configuration/text_summary")
+    text = event.tensor_proto.string_val[0].decode()
+    assert all(line.startswith("    ") for line in text.splitlines()), "a code block of Markdown"
+    assert json.loads(text) == config and event.step == 0
+
+
+def test_pictures_are_shown_at_their_step(tmp_path):
+    picture = np.random.default_rng(0).integers(0, 255, (6, 9, 3), dtype=np.uint8)
+    with TensorBoard(tmp_path / "x.tensorboard") as board:
+        board.show(7, "held-out translations", picture)
+    found = EventAccumulator(str(tmp_path / "x.tensorboard")).Reload()
+    [event] = found.Images("held-out translations")
+    decoded = cv2.imdecode(np.frombuffer(event.encoded_image_string, np.uint8), cv2.IMREAD_COLOR)
+    np.testing.assert_array_equal(decoded[..., ::-1], picture)
+    assert event.step == 7

@@ -193,3 +193,23 @@ def test_reduced_frames_are_means_of_blocks():
     assert frames.dtype == np.uint8
     assert np.abs(frames - expected).max() <= 0.5
     assert reduced(drawn, 1) is drawn
+
+
+def test_fine_pictures_have_shadows_and_smooth_edges(task, draw):
+    import mujoco
+
+    contexts = draw("fixed", 1)
+    qpos, fields = task.context_state(contexts)[0][:, None], task.model_fields(contexts)
+    drawn = {}
+    for fine in (False, True):
+        renderer = TileRenderer(task.model, 96, 96, fine=fine)
+        drawn[fine] = renderer.render(fields, qpos)[0, 0]
+        renderer._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
+        shadowless = renderer.render(fields, qpos)[0, 0]
+        renderer.close()
+    colours = [len(np.unique(picture.reshape(-1, 3), axis=0)) for picture in drawn.values()]
+    assert colours[1] > 1.2 * colours[0], "edges are blended"
+    darker = shadowless.astype(int).sum(axis=-1) - drawn[True].sum(axis=-1, dtype=int)
+    assert (darker > 20).sum() > 20 > (darker < -20).sum(), "shadows"
+    assert np.abs(drawn[True].astype(int) - drawn[False]).mean() < 15, "of the same scene"
+    assert task.model.vis.quality.offsamples == 0, "the task's own model renders as before"

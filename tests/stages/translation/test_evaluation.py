@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from stages.translation import evaluation
-from stages.translation.evaluation import evaluate_translator
+from stages.translation.evaluation import draw_translations, evaluate_translator
 from stages.translation.metrics import psnr, ssim
-from stages.translation.networks import CompactTranslator, RealTranslator, to_images
+from stages.translation.networks import CompactTranslator, RealTranslator, to_frames, to_images
 
 
 @pytest.fixture
@@ -65,3 +65,30 @@ def test_dropout_is_off_while_it_is_measured_and_then_on_again():
     assert evaluate_translator(model, frames, "cpu") == first
     model.eval()
     assert evaluate_translator(model, frames, "cpu") == first and not model.training
+
+
+def test_a_picture_shows_sources_translations_and_true_videos(model, monkeypatch):
+    monkeypatch.setattr(evaluation, "DRAWN_HEIGHT", 32)
+    asked = {}
+
+    def tiled(rows, **options):
+        asked.update(options, rows=np.array(rows))
+        return np.zeros((1, 2, 2, 3), np.uint8)
+
+    monkeypatch.setattr(evaluation, "tile_videos", tiled)
+    rng = np.random.default_rng(0)
+    frames = torch.from_numpy(rng.integers(0, 256, (4, 9, 16, 16, 3), dtype=np.uint8))
+    assert draw_translations(model.train(), frames, "cpu").shape == (2, 2, 3)
+    assert model.training and asked["scale"] == 2
+    assert asked["row_labels"] == ["source", "translation", "true video"] * 3
+    images, moments = to_images(frames), [0, 2, 4, 6, 8]
+    with torch.no_grad():
+        for k in range(3):
+            source, made, truth = asked["rows"][3 * k : 3 * k + 3]
+            context = model.encode_context(images[k, :1])
+            expected = model.decode(model.translate(model.encode(images[k + 1, moments]), context), context)
+            np.testing.assert_array_equal(source, frames[k + 1, moments])
+            np.testing.assert_array_equal(truth, frames[k, moments])
+            np.testing.assert_allclose(made.astype(int), to_frames(expected).int(), atol=1)
+    draw_translations(model, frames[:2, :2], "cpu")
+    assert asked["rows"].shape == (6, 2, 16, 16, 3), "two videos of two frames"

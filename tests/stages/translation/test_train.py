@@ -45,6 +45,7 @@ def loop(tmp_path):
         progress=None,
         evaluation=None,
         errors=None,
+        draw=None,
     ):
         training = TranslatorTraining(config, FRAMES, seed, "cpu")
         if change is not None:
@@ -67,7 +68,7 @@ def loop(tmp_path):
             return {"psnr": 10.0 + training.step, "copy_psnr": 9.0, "ssim": 0.5, "feature_ratio": 0.7, "trans": trans}
 
         try:
-            curve = train(training, evaluate, options, out, checkpoints)
+            curve = train(training, evaluate, options, out, checkpoints, draw)
         except Interrupted as error:
             curve = error
         return training, curve, evaluated, checkpoints.steps
@@ -89,6 +90,23 @@ def test_evaluates_regularly_and_at_the_end_and_keeps_checkpoints_on_the_way(loo
     told = [again.train_step() for _ in range(10)]
     for name in losses:
         assert curve[f"train/{name}"] == [float(told[step - 1][name]) for step in (4, 8, 10)]
+
+
+def test_translations_are_drawn_at_some_evaluations_and_at_the_end(loop, tmp_path, monkeypatch):
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    def draw(model):
+        drawn.append(model)
+        return np.zeros((4, 4, 3), np.uint8)
+
+    for name, pictures, steps, expected in (("all", 20, 10, [4, 8, 10]), ("few", 2, 10, [8, 10]), ("none", 20, 0, [0])):
+        drawn = []
+        monkeypatch.setattr("stages.translation.loop.PICTURES", pictures)
+        training, _, _, _ = loop(name, config=dataclasses.replace(CONFIG, steps=steps), draw=draw)
+        assert all(model is training.average for model in drawn)
+        found = EventAccumulator(str(tmp_path / f"{name}.translator.tensorboard")).Reload()
+        assert [event.step for event in found.Images("held-out translations")] == expected
+        assert found.Tags()["tensors"] == ["configuration/text_summary"]
 
 
 def test_the_last_step_is_not_checkpointed_since_the_artifact_follows(loop):
