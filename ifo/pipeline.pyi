@@ -2,198 +2,175 @@
 
 from collections.abc import Sequence
 from os import PathLike
-from typing import Literal
+from typing import Literal, TypedDict, Unpack
 
 from stages.runtime.run import StageResult as StageResult
 
 AnyPath = str | PathLike[str]
 
-def train_expert(
-    task: str,
-    *,
-    preset: Literal["toy", "quick", "paper"] | None = None,
-    seed: int | None = None,
-    workers: int | None = None,
-    overwrite: bool | None = None,
-    out: AnyPath | None = None,
-    quiet: bool | None = None,
-    resume: bool | None = None,
-    learner: Literal["trpo", "ppo", "sac"] | None = None,
-    iterations: int | None = None,
-    episodes: int | None = None,
-    hidden: int | None = None,
-    kl: float | None = None,
-    discount: float | None = None,
-    gae_lambda: float | None = None,
-    log_std: float | None = None,
-    critic_rate: float | None = None,
-    updates: float | None = None,
-    patience: int | None = None,
-    checkpoint_every: int | None = None,
-    contexts: Literal["paper", "narrow", "fixed"] | None = None,
-    vary: str | None = None,
-    test_contexts: int | None = None,
-    test_episodes: int | None = None,
-) -> StageResult: ...
-def collect_demos(
-    task: str,
-    *,
-    expert: AnyPath | None = None,
-    preset: Literal["toy", "quick", "paper"] | None = None,
-    seed: int | None = None,
-    workers: int | None = None,
-    overwrite: bool | None = None,
-    out: AnyPath | None = None,
-    quiet: bool | None = None,
-    n: int | None = None,
-    contexts: Literal["paper", "narrow", "fixed"] | None = None,
-    vary: str | None = None,
-    context_seed: int | None = None,
-    keep_failures: bool | None = None,
-    jitter: float | None = None,
-    videos: str | None = None,
-    crf: int | None = None,
-    demonstrator: str | None = None,
-    env_kwargs: Sequence[str] | None = None,
-    success: str | None = None,
-    episode_steps: int | None = None,
-    frames: int | None = None,
-    size: str | None = None,
-    crop: str | None = None,
-    viewpoint: str | None = None,
-    azimuth: float | None = None,
-    elevation: float | None = None,
-    distance: float | None = None,
-) -> StageResult: ...
-def import_demos(
-    videos: AnyPath | Sequence[AnyPath],
-    *,
-    preview: bool | None = None,
-    preset: Literal["toy", "quick", "paper"] | None = None,
-    overwrite: bool | None = None,
-    out: AnyPath | None = None,
-    quiet: bool | None = None,
-    frames: int | None = None,
-    size: str | None = None,
-    start: float | None = None,
-    end: float | None = None,
-    fps: float | None = None,
-    crop: str | None = None,
-    crop_file: str | None = None,
-    task: str | None = None,
-    strict: bool | None = None,
-    camera: str | None = None,
-) -> StageResult: ...
-def train_translator(
-    demos: AnyPath,
-    *,
-    base: AnyPath | None = None,
-    preset: Literal["toy", "quick", "paper"] | None = None,
-    seed: int | None = None,
-    workers: int | None = None,
-    overwrite: bool | None = None,
-    out: AnyPath | None = None,
-    quiet: bool | None = None,
-    device: str | None = None,
-    resume: bool | None = None,
-    arch: Literal["compact", "paper", "real"] | None = None,
-    steps: int | None = None,
-    videos: int | None = None,
-    frames: int | None = None,
-    pairings: int | None = None,
-    groups: int | None = None,
-    rec_frames: int | None = None,
-    trans_frames: int | None = None,
-    learning_rate: float | None = None,
-    schedule: Literal["cosine", "constant"] | None = None,
-    weight_decay: float | None = None,
-    lambda_rec: float | None = None,
-    lambda_align: float | None = None,
-    without: Sequence[Literal["trans", "rec", "align"]] | None = None,
-    align: Literal["none", "dtw"] | None = None,
-    motion_weight: float | None = None,
-    mirror: bool | None = None,
-    swap_colours: bool | None = None,
-    augment: bool | None = None,
-    ema: float | None = None,
-    keep: Literal["best", "last"] | None = None,
-    held_out: int | None = None,
-    evaluate_every: int | None = None,
-    checkpoint_every: int | None = None,
-    amp: bool | None = None,
-    compile: bool | None = None,
-) -> StageResult: ...
-def translate(
-    translator: AnyPath,
-    *,
-    preset: Literal["toy", "quick", "paper"] | None = None,
-    seed: int | None = None,
-    workers: int | None = None,
-    overwrite: bool | None = None,
-    out: AnyPath | None = None,
-    quiet: bool | None = None,
-    device: str | None = None,
-    n: int | None = None,
-    split: Literal["held-out", "all"] | None = None,
-    align: Literal["none", "dtw"] | None = None,
-    context_seed: int | None = None,
-    contexts: Literal["paper", "narrow", "fixed"] | None = None,
-    vary: str | None = None,
-    context_image: str | None = None,
-    env: str | None = None,
-    env_kwargs: Sequence[str] | None = None,
-    env_seed: int | None = None,
-    viewpoint: str | None = None,
-    success: str | None = None,
-    episode_steps: int | None = None,
-    demonstrator: str | None = None,
-    untranslated: bool | None = None,
-    crop: str | None = None,
-) -> StageResult: ...
-def learn_policy(
-    translation: AnyPath,
-    *,
-    preset: Literal["toy", "quick", "paper"] | None = None,
-    seed: int | None = None,
-    workers: int | None = None,
-    overwrite: bool | None = None,
-    out: AnyPath | None = None,
-    quiet: bool | None = None,
-    device: str | None = None,
-    resume: bool | None = None,
-    learner: Literal["trpo", "ppo", "sac", "gps"] | None = None,
-    iterations: int | None = None,
-    episodes: int | None = None,
-    hidden: int | None = None,
-    kl: float | None = None,
-    discount: float | None = None,
-    gae_lambda: float | None = None,
-    log_std: float | None = None,
-    critic_rate: float | None = None,
-    updates: float | None = None,
-    patience: int | None = None,
-    checkpoint_every: int | None = None,
-    reward: Literal["translation", "oracle", "video", "pretrained", "gail", "tpil", "joints"] | None = None,
-    without: Sequence[Literal["feat", "img"]] | None = None,
-    image_weight: float | None = None,
-    blur: float | None = None,
-    fine_blur: float | None = None,
-    starts: int | None = None,
-    negatives: int | None = None,
-    layer: str | None = None,
-    weights: str | None = None,
-    discriminator_steps: int | None = None,
-    discriminator_rate: float | None = None,
-    ramp: Literal["task", "none", "quadratic"] | None = None,
-) -> StageResult: ...
-def evaluate(
-    policies: AnyPath | Sequence[AnyPath],
-    *,
-    preset: Literal["toy", "quick", "paper"] | None = None,
-    seed: int | None = None,
-    workers: int | None = None,
-    overwrite: bool | None = None,
-    out: AnyPath | None = None,
-    quiet: bool | None = None,
-    episodes: int | None = None,
-) -> StageResult: ...
+class CommonOptions(TypedDict, total=False):
+    preset: Literal["toy", "quick", "paper"] | None
+    overwrite: bool | None
+    out: AnyPath | None
+    quiet: bool | None
+
+class TrainExpertOptions(CommonOptions, total=False):
+    seed: int | None
+    workers: int | None
+    resume: bool | None
+    learner: Literal["trpo", "ppo", "sac"] | None
+    iterations: int | None
+    episodes: int | None
+    hidden: int | None
+    kl: float | None
+    discount: float | None
+    gae_lambda: float | None
+    log_std: float | None
+    critic_rate: float | None
+    updates: float | None
+    patience: int | None
+    checkpoint_every: int | None
+    contexts: Literal["paper", "narrow", "fixed"] | None
+    vary: str | None
+    test_contexts: int | None
+    test_episodes: int | None
+
+def train_expert(task: str, **options: Unpack[TrainExpertOptions]) -> StageResult: ...
+
+class CollectDemosOptions(CommonOptions, total=False):
+    expert: AnyPath | None
+    seed: int | None
+    workers: int | None
+    n: int | None
+    contexts: Literal["paper", "narrow", "fixed"] | None
+    vary: str | None
+    context_seed: int | None
+    keep_failures: bool | None
+    jitter: float | None
+    videos: str | None
+    crf: int | None
+    demonstrator: str | None
+    env_kwargs: Sequence[str] | None
+    success: str | None
+    episode_steps: int | None
+    frames: int | None
+    size: str | None
+    crop: str | None
+    viewpoint: str | None
+    azimuth: float | None
+    elevation: float | None
+    distance: float | None
+
+def collect_demos(task: str, **options: Unpack[CollectDemosOptions]) -> StageResult: ...
+
+class ImportDemosOptions(CommonOptions, total=False):
+    preview: bool | None
+    frames: int | None
+    size: str | None
+    start: float | None
+    end: float | None
+    fps: float | None
+    crop: str | None
+    crop_file: str | None
+    task: str | None
+    strict: bool | None
+    camera: str | None
+
+def import_demos(videos: AnyPath | Sequence[AnyPath], **options: Unpack[ImportDemosOptions]) -> StageResult: ...
+
+class TrainTranslatorOptions(CommonOptions, total=False):
+    base: AnyPath | None
+    seed: int | None
+    workers: int | None
+    device: str | None
+    resume: bool | None
+    arch: Literal["compact", "paper", "real"] | None
+    steps: int | None
+    videos: int | None
+    frames: int | None
+    pairings: int | None
+    groups: int | None
+    rec_frames: int | None
+    trans_frames: int | None
+    learning_rate: float | None
+    schedule: Literal["cosine", "constant"] | None
+    weight_decay: float | None
+    lambda_rec: float | None
+    lambda_align: float | None
+    without: Sequence[Literal["trans", "rec", "align"]] | None
+    align: Literal["none", "dtw"] | None
+    motion_weight: float | None
+    mirror: bool | None
+    swap_colours: bool | None
+    augment: bool | None
+    ema: float | None
+    keep: Literal["best", "last"] | None
+    held_out: int | None
+    evaluate_every: int | None
+    checkpoint_every: int | None
+    amp: bool | None
+    compile: bool | None
+
+def train_translator(demos: AnyPath, **options: Unpack[TrainTranslatorOptions]) -> StageResult: ...
+
+class TranslateOptions(CommonOptions, total=False):
+    seed: int | None
+    workers: int | None
+    device: str | None
+    n: int | None
+    split: Literal["held-out", "all"] | None
+    align: Literal["none", "dtw"] | None
+    context_seed: int | None
+    contexts: Literal["paper", "narrow", "fixed"] | None
+    vary: str | None
+    context_image: str | None
+    env: str | None
+    env_kwargs: Sequence[str] | None
+    env_seed: int | None
+    viewpoint: str | None
+    success: str | None
+    episode_steps: int | None
+    demonstrator: str | None
+    untranslated: bool | None
+    crop: str | None
+
+def translate(translator: AnyPath, **options: Unpack[TranslateOptions]) -> StageResult: ...
+
+class LearnPolicyOptions(CommonOptions, total=False):
+    seed: int | None
+    workers: int | None
+    device: str | None
+    resume: bool | None
+    learner: Literal["trpo", "ppo", "sac", "gps"] | None
+    iterations: int | None
+    episodes: int | None
+    hidden: int | None
+    kl: float | None
+    discount: float | None
+    gae_lambda: float | None
+    log_std: float | None
+    critic_rate: float | None
+    updates: float | None
+    patience: int | None
+    checkpoint_every: int | None
+    reward: Literal["translation", "oracle", "video", "pretrained", "gail", "tpil", "joints"] | None
+    without: Sequence[Literal["feat", "img"]] | None
+    image_weight: float | None
+    blur: float | None
+    fine_blur: float | None
+    starts: int | None
+    negatives: int | None
+    layer: str | None
+    weights: str | None
+    discriminator_steps: int | None
+    discriminator_rate: float | None
+    ramp: Literal["task", "none", "quadratic"] | None
+
+def learn_policy(translation: AnyPath, **options: Unpack[LearnPolicyOptions]) -> StageResult: ...
+
+class EvaluateOptions(CommonOptions, total=False):
+    seed: int | None
+    workers: int | None
+    episodes: int | None
+
+def evaluate(policies: AnyPath | Sequence[AnyPath], **options: Unpack[EvaluateOptions]) -> StageResult: ...

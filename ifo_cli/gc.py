@@ -7,12 +7,12 @@ import os
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from artifacts.errors import ArtifactError, PlatformError
-from ifo_cli.options import Given, stage_command
+from ifo_cli.options import FoldersArgument, Given, stage_command
 from ifo_cli.streams import emit
 from ifo_cli.wording import count_text, size_text, table_text
 from stages.config.inventory import CLEANED, RUNS, CleanConfig
@@ -40,10 +40,7 @@ NOTE = "\n\n".join(
 @stage_command("gc")
 def gc(
     given: Given,
-    folders: Annotated[
-        list[Path] | None,
-        typer.Argument(readable=False, help=f"Folders to search (default: {RUNS}).", show_default=False),
-    ] = None,
+    folders: FoldersArgument = None,
 ) -> None:
     """List files that are not needed, with their size and the reason. Nothing is removed without --delete.
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 import json
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from artifacts.errors import UsageError
-from ifo_cli.options import Given, stage_command
+from ifo_cli.options import FoldersArgument, Given, stage_command
 from ifo_cli.streams import emit, plain
 from ifo_cli.wording import age_text, count_text, size_text, table_text
 from stages.config.inventory import RUNS, ListConfig
@@ -31,10 +29,7 @@ HEADS = ("path", "kind", "task", "method", "key figures", "size", "age", "parent
 @stage_command("ls")
 def ls(
     given: Given,
-    folders: Annotated[
-        list[Path] | None,
-        typer.Argument(readable=False, help=f"Folders to search (default: {RUNS}).", show_default=False),
-    ] = None,
+    folders: FoldersArgument = None,
 ) -> None:
     """List artifacts: task, method, key figures, size, age, and whether the files they were made from are unchanged.
 

@@ -17,6 +17,7 @@ import typer
 from artifacts.errors import PlatformError
 from ifo_cli.completion import complete_list
 from stages.config.commands import COMMANDS
+from stages.config.inventory import RUNS
 from stages.config.presets import DEFAULT_PRESET, PRESETS
 from stages.config.stages import TASKS
 from stages.config.task_names import known_tasks
@@ -49,6 +50,10 @@ TaskArgument = Annotated[
         autocompletion=complete_task,
         show_default=False,
     ),
+]
+FoldersArgument = Annotated[
+    list[Path] | None,
+    typer.Argument(readable=False, help=f"Folders to search (default: {RUNS}).", show_default=False),
 ]
 
 

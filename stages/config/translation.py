@@ -98,8 +98,8 @@ class TranslatorConfig(Config):
     )
     augment: bool = option(
         False,
-        "Slightly change brightness, contrast, saturation and position of training videos at random, identically for "
-        f"all frames of a video (default: with fewer than {FEW} demonstrations).",
+        "Change brightness, contrast and saturation of training videos at random, and rotate, magnify and shift them, "
+        f"identically for all frames of a video (default: with fewer than {FEW} demonstrations).",
         effect=(TRAINS,),
         off=False,
     )

@@ -83,6 +83,8 @@ def test_a_command_line_is_accepted(line):
                 check_pip(words)
             case "accelerate" | "torchrun":
                 check_launched(program, words)
+            case "tensorboard":
+                assert words == ["--logdir", "runs"]
             case "export":
                 assert all(re.fullmatch(r"[A-Z_]+=\S+", word) for word in words)
             case _:

@@ -71,6 +71,6 @@ def test_the_stub_has_the_options_of_the_commands():
 
 
 def test_every_stage_is_a_function():
-    others = {"check-task", "export-demos", "report", "reproduce"}
+    others = {"check-task", "export-demos", "report", "reproduce", "view"}
     named = {function.__name__.replace("_", "-") for function in pipeline.STAGES}
     assert named == {name for name, command in COMMANDS.items() if "out" in command.names} - others
