@@ -98,7 +98,7 @@ class TranslatorConfig(Config):
     )
     augment: bool = option(
         False,
-        "Change brightness, contrast and saturation of training videos at random, and rotate, magnify and shift them, "
+        "Slightly change brightness, contrast, saturation and position of training videos at random, "
         f"identically for all frames of a video (default: with fewer than {FEW} demonstrations).",
         effect=(TRAINS,),
         off=False,
