@@ -44,13 +44,14 @@ def source_index(translation: Artifact, translator: Artifact) -> np.ndarray:
     return np.sort(chosen[: translation.config["n"]])
 
 
-def policy_frames(policy: Artifact) -> np.ndarray:
-    """Return the frames (T, H, W, 3) of one deterministic episode."""
+def policy_frames(policy: Artifact, shape: tuple[int, ...]) -> np.ndarray:
+    """Return pictures of one deterministic episode, finely drawn, with the aspect ratio of frames (T, H, W, 3)."""
     from stages.reporting.judging import Foreign, Judge, Simulated
 
     spec = EnvironmentSpec.of(policy)
     judge: Judge = Simulated(policy.config["task"]) if spec is None else Foreign([spec], 1)
-    return judge.video(policy, 0)
+    film = judge.video(policy, 0)
+    return film[:, : film.shape[2] * shape[1] // shape[2]]  # without the caption
 
 
 def panels(policy: Artifact, which: int) -> list[np.ndarray]:
@@ -63,7 +64,7 @@ def panels(policy: Artifact, which: int) -> list[np.ndarray]:
         raise SystemExit(f"--demonstration {which}: {translation.path} has {len(index)}, from 0 on")
     demonstration = demos.read("frames", int(index[which]))
     context = np.broadcast_to(translation["context_frame"], demonstration.shape)
-    return [demonstration, context, translation.read("images", which), policy_frames(policy)]
+    return [demonstration, context, translation.read("images", which), policy_frames(policy, demonstration.shape)]
 
 
 def enlarged(frame: np.ndarray, resampling: Image.Resampling) -> Image.Image:

@@ -26,6 +26,7 @@ def test_jittered_videos_start_alike_and_differ_then(demos):
     assert np.ptp(playback[:, 10]) > 2
 
 
+@pytest.mark.slow
 def test_aligned_from_training_to_translation(demos, ifo):
     done = ifo(demos.parent, "train-translator", demos, *TRAIN)
     assert done.returncode == 0, done.stderr

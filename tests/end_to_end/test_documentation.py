@@ -26,7 +26,7 @@ SNIPPETS = [
 RUN = (KEPT := "docs/tutorials/reach.md", "docs/tutorials/gymnasium.md")
 RUN_LINES = ("import-demos kitchen/", "import-demos so101_pick/", "translate runs/kitchen", "export-demos")
 RUN_LINES_OF = ("docs/tutorials/own-videos.md", "docs/how-to/data-sets.md")
-QUICK = ("inspect", "verify")  # have no options to resolve, and are run
+QUICK = ("gc", "inspect", "ls", "verify", "view")  # have no options to resolve, and are run
 TESTED = ("doctor", "check-task")  # have none, and tests of their own
 OTHER_PROGRAMS = ("make", "pip", "python", "accelerate", "torchrun")
 FILE = re.compile(rf"(?:runs/)?[\w-]+\.({'|'.join(KINDS)})\.h5")
@@ -150,7 +150,8 @@ def test_the_picture_shows_what_the_artifacts_hold(toy, tmp_path, capsys):
     script = runpy.run_path(str(DOCS / "make_images.py"))
     policy = read_artifact(toy.artifact("policy"))
     demonstration, context, translation, learned = shown = script["panels"](policy, 3)
-    assert demonstration.shape == context.shape == translation.shape == learned.shape == (25, 48, 48, 3)
+    assert demonstration.shape == context.shape == translation.shape == (25, 48, 48, 3)
+    assert learned.shape == (25, 240, 240, 3)
     assert (context == read_artifact(toy.artifact("translation"))["context_frame"]).all()
     assert (translated(toy, demonstration) == translation).mean() > 0.99, "of this demonstration"
     path = script["main"]([str(policy.path), "--demonstration", "3", "--out", str(tmp_path / "a.webp")])

@@ -27,7 +27,7 @@ def ifo(tmp_path, monkeypatch, capsys):
     return run
 
 
-@pytest.mark.parametrize("reward", ["translation", "joints"])
+@pytest.mark.parametrize("reward", ["translation", pytest.param("joints", marks=pytest.mark.slow)])
 def test_from_footage_to_a_policy(ifo, tmp_path, reward):
     code, filmed, _ = ifo("collect-demos", "push-real", "-n", 12, "--videos", "footage", "--crf", 28, *TOY)
     assert code == 0 and not list((tmp_path / "runs").glob("*.expert.h5"))

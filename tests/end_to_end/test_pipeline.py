@@ -147,9 +147,13 @@ def test_a_report_tells_of_the_whole_pipeline(toy, ifo, tmp_path):
         ("--learner", "ppo"),
         ("--learner", "gps"),
         ("--learner", "gps", "--fine-blur", "2"),
-        ("--learner", "gps", "--reward", "pretrained", "--layer", "block2"),
+        pytest.param(
+            ("--learner", "gps", "--reward", "pretrained", "--layer", "block2"),
+            marks=pytest.mark.slow,
+            id="gps pretrained",
+        ),
     ],
-    ids=lambda option: " ".join(option[1:]),
+    ids=lambda option: " ".join(option[1:]) if isinstance(option, tuple) else None,
 )
 def test_other_rewards_and_learners(toy, ifo, tmp_path, option):
     out = tmp_path / "other.policy.h5"

@@ -59,6 +59,7 @@ def test_the_papers_tasks(pipeline, tmp_path, task):
     assert demos["frames"].shape == (10, 25, *((36, 64, 3) if task == "sweep" else (48, 48, 3)))
 
 
+@pytest.mark.slow  # Its expert learns by SAC.
 def test_a_task_of_dm_controls_suite(pipeline, tmp_path):
     figures = pipeline("dm:reacher-easy")
     assert 0 <= figures["normalised_distance"] <= 1

@@ -200,7 +200,8 @@ def with_pyav(path: Path, hd: bool) -> Frames:
                 count / float(stream.average_rate) if frame.pts is None else float(frame.pts * frame.time_base)
             )
             images.append(np.rot90(shown, round(frame.rotation / 90)))
-    return np.array(times) - times[0], np.stack(images)
+    # AVI stores no presentation times: with B-frames, those of PyAV are in the order of decoding.
+    return np.sort(times) - min(times), np.stack(images)
 
 
 def as_markdown(rows: Sequence[Row]) -> str:

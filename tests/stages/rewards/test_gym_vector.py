@@ -78,7 +78,7 @@ def test_every_environment_is_paid_as_if_it_were_alone(path, kinds):
         for term in ("reward_feat", "reward_img"):
             wanted = [info.get(term, 0.0) for info in infos]
             np.testing.assert_allclose([step[4][term][k] for step in got], wanted, rtol=1e-5, atol=1e-6)
-    assert np.count_nonzero([step[1] for step in got]) > 10 and got[0][4]["env_reward"].tolist() == [7.0] * len(kinds)
+    assert np.count_nonzero([step[1] for step in got]) > 5 and got[0][4]["env_reward"].tolist() == [7.0] * len(kinds)
 
 
 def test_a_mask_restarts_only_its_environments(path):
