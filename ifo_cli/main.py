@@ -85,7 +85,7 @@ def _register(name: str, function: Callable[..., Any], examples: Sequence[str], 
 
 
 def _flowing(function: Callable[..., Any]) -> str:
-    """Return a docstring with each paragraph on one line, so that the terminal's width alone decides where it wraps."""
+    """Return a docstring with each paragraph on one line, so that it wraps only where the terminal ends."""
     return "\n\n".join(" ".join(lines.split()) for lines in cleandoc(function.__doc__ or "").split("\n\n"))
 
 

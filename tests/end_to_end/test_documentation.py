@@ -75,7 +75,7 @@ def prepared(toy, ifo, tmp_path_factory):
 
 
 @pytest.fixture
-def workplace(prepared, tmp_path):
+def prepared_folder(prepared, tmp_path):
     """A folder for one page, like that of somebody who begins with it."""
     return shutil.copytree(prepared, tmp_path / "work", copy_function=os.link)
 
@@ -137,13 +137,13 @@ def settle_line(line, folder, toy, ifo):
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if list(lines(page))], ids=name)
-def test_the_commands_of_a_page_do_what_they_say(page, workplace, toy, ifo, monkeypatch):
+def test_the_commands_of_a_page_do_what_they_say(page, prepared_folder, toy, ifo, monkeypatch):
     for line in lines(page):
         is_run = name(page) in RUN_LINES_OF and any(f"ifo {start}" in line for start in RUN_LINES)
         if (name(page) in RUN or is_run or line.startswith("export")) and "push-real" not in line:
-            run_line(line, workplace, toy, ifo, monkeypatch, kept=name(page) == KEPT)
+            run_line(line, prepared_folder, toy, ifo, monkeypatch, kept=name(page) == KEPT)
         else:
-            settle_line(line, workplace, toy, ifo)
+            settle_line(line, prepared_folder, toy, ifo)
 
 
 def test_the_picture_shows_what_the_artifacts_hold(toy, tmp_path, capsys):
