@@ -37,6 +37,8 @@ slow: setup ## Run the tests that take minutes.
 	@pytest -m slow
 
 docs: setup ## Build the documentation site, docs/_build/index.html, after the generated pages of its reference.
+	@python -c 'import importlib.util, sys; sys.exit(not importlib.util.find_spec("furo"))' \
+	    || python -m pip install --quiet -e '.[docs]' -c constraints.txt
 	@python docs/make_reference.py
 	@python -m sphinx -W --keep-going -q -b html docs docs/_build
 	@echo docs/_build/index.html
