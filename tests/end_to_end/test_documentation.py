@@ -76,7 +76,7 @@ def prepared(toy, ifo, tmp_path_factory):
 
 @pytest.fixture
 def prepared_folder(prepared, tmp_path):
-    """A folder for one page, like that of somebody who begins with it."""
+    """A folder for one page, like that of a user who begins with it."""
     return shutil.copytree(prepared, tmp_path / "work", copy_function=os.link)
 
 
